@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 from boxed_frames import RADAR, box, frame, write
+from factory_command import run
 from matplotlib.image import imread
-from typer.testing import CliRunner
 
 from datafactory import InputError, convert
-from datafactory.cli.app import app
 from datafactory.conversion.formats import Converted
 
 pytest.importorskip("foxglove", reason="the package foxglove-sdk is not installed")
@@ -143,10 +142,10 @@ def test_a_missing_package_is_one_line(source: Path, tmp_path: Path, monkeypatch
 
 
 def test_the_command_says_what_it_wrote_and_writes_over_nothing(source: Path, tmp_path: Path) -> None:
-    command = ["convert", str(source), "--to", "mcap", "--out", str(tmp_path / "out")]
-    done = CliRunner().invoke(app, command, catch_exceptions=False)
-    assert (done.exit_code, "3 frames in" in done.output, "targets have no height" in done.output) == (0, True, True)
+    said = run("convert", source, "--to", "mcap", "--out", tmp_path / "out")
+    assert "3 frames in" in said
+    assert "targets have no height" in said
     with pytest.raises(InputError, match="is there already"):
-        CliRunner().invoke(app, command, catch_exceptions=False)
+        run("convert", source, "--to", "mcap", "--out", tmp_path / "out")
     with pytest.raises(InputError, match="--to: 'mpac'; expected one of mcap"):
-        CliRunner().invoke(app, [*command[:3], "mpac", "--out", "new"], catch_exceptions=False)
+        run("convert", source, "--to", "mpac", "--out", tmp_path / "new")

@@ -240,8 +240,8 @@ def filmed_frame(frame_id: int) -> Frame:
     """A point that comes nearer by a range bin a frame."""
     image = np.zeros((24, 64), np.float32)
     image[20 - frame_id, 30] = 1.0
-    known = {"kind": "scene", "time": 0.25 * frame_id, "sequence": FILMED[frame_id]}
-    return dataclasses.replace(make_frame(frame_id), image=image, **known)
+    frame = dataclasses.replace(make_frame(frame_id), kind="scene", image=image)
+    return dataclasses.replace(frame, time=0.25 * frame_id, sequence=FILMED[frame_id])
 
 
 @pytest.fixture

@@ -6,10 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from factory_command import run
 from usd_files import CUBE, METRES_Z_UP, cube, ops, read, translated, write_usda
 
-from datafactory.cli.app import app
 from datafactory.inspection.scene import SceneReport, examine_scene
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.readers.common import sphere
@@ -100,21 +99,18 @@ def test_what_is_dropped_and_what_to_know(report: SceneReport) -> None:
 
 def test_the_command_prints_it_and_json(tmp_path: Path) -> None:
     path = write_usda(tmp_path, f'def Mesh "m" {{\n{CUBE}\n}}')
-    shown = CliRunner().invoke(app, ["check", "--scene", str(path)], catch_exceptions=False)
-    assert "1 objects, 12 triangles, 0 point targets; 2 x 2 x 2 m" in shown.stdout
-    assert "nothing moves" in shown.stdout
-    assert "no sensor can be drawn" in shown.stdout
-    told = CliRunner().invoke(app, ["check", "--scene", str(path), "--json"], catch_exceptions=False)
-    assert json.loads(told.stdout)["triangles"] == 12
+    shown = run("check", "--scene", path)
+    for part in ("1 objects, 12 triangles, 0 point targets; 2 x 2 x 2 m", "nothing moves", "no sensor can be drawn"):
+        assert part in shown
+    assert json.loads(run("check", "--scene", path, "--json"))["triangles"] == 12
 
 
 def test_variants_and_missing_geometry_are_options_of_the_command(tmp_path: Path) -> None:
-    path = str(write_usda(tmp_path, f'{cube("m")}\ndef "lost" (references = @gone.usd@) {{\n}}'))
-    arguments = ["check", "--scene", path, "--allow-missing", "--json"]
-    found = json.loads(CliRunner().invoke(app, arguments, catch_exceptions=False).stdout)
-    assert any("gone.usd" in line for line in found["dropped"])
+    path = write_usda(tmp_path, f'{cube("m")}\ndef "lost" (references = @gone.usd@) {{\n}}')
+    asked = ("check", "--scene", path, "--allow-missing", "--json")
+    assert any("gone.usd" in line for line in json.loads(run(*asked))["dropped"])
     with pytest.raises(InputError, match="--variant: no prim has a variant set 'body'"):
-        CliRunner().invoke(app, [*arguments, "--variant", "body=high"], catch_exceptions=False)
+        run(*asked, "--variant", "body=high")
 
 
 def test_scenes_are_listed_by_the_names_that_scene_takes() -> None:
@@ -122,6 +118,6 @@ def test_scenes_are_listed_by_the_names_that_scene_takes() -> None:
     assert {"shipped:street", "shipped:tiny", "shipped:effects/wall", "sionna:munich"} <= names.keys()
     assert names["shipped:street"].bytes > 5e5
     assert "Test range" in names["shipped:test_range"].about
-    shown = CliRunner().invoke(app, ["scenes"], catch_exceptions=False)
-    assert "shipped:street" in shown.stdout
-    assert "sionna:munich" in shown.stdout
+    shown = run("scenes")
+    assert "shipped:street" in shown
+    assert "sionna:munich" in shown

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -205,34 +206,26 @@ def test_a_table_at_rest_keeps_the_delays_of_its_moment(generator, time_s: float
 def a_frame(frame_id: int, scattered: int, specular: int) -> TracedFrame:
     generator = np.random.default_rng(frame_id)
 
-    def real(*shape: int) -> np.ndarray:
-        return generator.normal(size=shape)
+    def labelled(paths: Any) -> Any:
+        count = len(paths)
+        return replace(
+            paths,
+            depth=generator.integers(1, 4, count).astype(np.int8),
+            object_index=generator.integers(-1, 9, count).astype(np.int32),
+            kinds=generator.integers(1, 32, count).astype(np.uint8),
+        )
 
-    def whole(count: int) -> dict:
-        return {
-            "amplitude": real(count) + 1j * real(count),
-            "depth": generator.integers(1, 4, count).astype(np.int8),
-            "object_index": generator.integers(-1, 9, count).astype(np.int32),
-            "kinds": generator.integers(1, 32, count).astype(np.uint8),
-        }
-
-    names = ("tx_point", "rx_point", "tx_velocity", "rx_velocity")
-    vectors = {name: real(scattered, 3) for name in names}
-    vectors["tx_point"][::2] = vectors["rx_point"][::2]  # of one point, as most are
+    paths = a_table(generator, scattered).scattered
+    paths.tx_point[::2] = paths.rx_point[::2]  # of one point, as most are
     if scattered > 1:
-        vectors["rx_point"][0, 0], vectors["tx_point"][0, 0] = 0.0, -0.0  # which differ in a bit
-    between = {"between_m": real(scattered), "between_rate_mps": real(scattered)}
-    image = {"image": real(specular, 3), "image_velocity": real(specular, 3), "axes": real(specular, 3, 3)}
-    table = PathTable(
-        ScatteredPaths(**vectors, **between, **whole(scattered)),
-        SpecularPaths(**image, **whole(specular)),
-        objects=("wall", "Größe"),
-        counts={"rays": 5, "pruned": 0},
-    )
+        paths.rx_point[0, 0], paths.tx_point[0, 0] = 0.0, -0.0  # which differ in a bit
+    images = a_table(generator, specular).specular
+    counts = {"rays": 5, "pruned": 0}
+    table = PathTable(labelled(paths), labelled(images), objects=("wall", "Größe"), counts=counts)
     pose = Pose((1.0, 2.0, 3.0), 10.0, -2.0, 0.5, (4.0, 5.0, 6.0), 0.25)
 
     def triple() -> tuple[float, float, float]:
-        x, y, z = real(3).tolist()
+        x, y, z = generator.normal(size=3).tolist()
         return x, y, z
 
     things = tuple(

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from factory_command import run
 from scene_solids import Thing, things_of
 from town_scenes import SLOPE, block, two_blocks
-from typer.testing import CliRunner
 
 from datafactory.api.asking import load_scene, order_of
 from datafactory.api.options import OrderOptions
-from datafactory.cli.app import app
 from datafactory.run.preparation import prepare
 from datafactory.scenes.ground import free_ground
 from datafactory.scenes.materials.table import load_materials
@@ -164,10 +163,9 @@ def test_a_request_is_read_back_as_it_is_told() -> None:
     assert parse_populate(dense.text) == dense
 
 
-def test_check_tells_what_was_put_in(tmp_path: Path) -> None:
-    shown = CliRunner().invoke(app, ["check", str(STREET), "--populate", "signs=4", "--json"], catch_exceptions=False)
-    assert shown.exit_code == 0
-    assert any("populated with 4 signs" in line for line in json.loads(shown.stdout)["remarks"])
+def test_check_tells_what_was_put_in() -> None:
+    told = json.loads(run("check", STREET, "--populate", "signs=4", "--json"))
+    assert any("populated with 4 signs" in line for line in told["remarks"])
     with pytest.raises(InputError, match="--populate: given without a scene"):
         order_of(OrderOptions([], populate="cars=1"))
 

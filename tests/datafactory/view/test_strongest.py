@@ -157,13 +157,6 @@ def test_every_kind_has_its_share_and_the_strongest_take_the_rest():
     assert len(strongest(level[:3], kinds[:3], 50)) == 3
 
 
-def test_without_meshes_and_without_paths_there_is_nothing():
-    empty = RayCaster(MergedScene((), ()), Pose((0.0, 0.0, 0.0)))
-    assert not np.isfinite(empty.cast(np.zeros((2, 3)), np.eye(3)[:2]).distance).any()
-    none = scattered([1, 0, 0], [1, 0, 0], DIFFUSE).take(np.zeros(0, int))
-    assert shown_paths(PathTable(none), empty, NO_TARGETS).paths == ()
-
-
 def test_scattered_paths_and_mirrors_stand_in_one_list():
     """The second of two scattered paths is the strongest, then the mirror, then the first."""
     paths = ScatteredPaths.joined(

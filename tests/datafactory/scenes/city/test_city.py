@@ -12,12 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from factory_command import run
 from pxr import Sdf, Usd
 from scene_solids import city_solids
 from solids import intersecting
-from typer.testing import CliRunner
 
-from datafactory.cli.app import app
 from datafactory.scenes.city.city import VERSION, city, write_city
 from datafactory.scenes.city.rules import Style
 from datafactory.scenes.city.site import Placement
@@ -113,9 +112,8 @@ def test_larger_cities_have_more_streets() -> None:
 
 
 def test_the_command_writes_what_the_function_does_and_says_how_traffic_comes(tmp_path: Path) -> None:
-    options = ["--seed", "3", "--blocks", "1", "--style", "suburb"]
-    done = CliRunner().invoke(app, ["city", *options, "--out", str(tmp_path / "city.usda")], catch_exceptions=False)
-    assert (done.exit_code, "--populate" in done.output) == (0, True)
+    asked = ("--seed", 3, "--blocks", 1, "--style", "suburb", "--out", tmp_path / "city.usda")
+    assert "--populate" in run("city", *asked)
     assert hashlib.sha256((tmp_path / "city.usda").read_bytes()).hexdigest() == WRITTEN["suburb", 3]
 
 
@@ -136,9 +134,9 @@ def test_what_is_wrong_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: list[str], words: tuple[str, ...]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(app, ["city", "--out", "city.usda", *options])
-    assert isinstance(done.exception, InputError)
-    message = str(done.exception)
+    with pytest.raises(InputError) as caught:
+        run("city", "--out", "city.usda", *options)
+    message = str(caught.value)
     assert "\n" not in message
     assert all(word in message for word in words), message
     assert not list(tmp_path.iterdir())
