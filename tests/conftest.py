@@ -43,7 +43,7 @@ settings.load_profile("repeatable")
 
 LONG = (
     "benchmarks/test_bench.py",
-    "datafactory/accuracy/test_budget.py::test_a_budget_on_two_scenes",
+    "datafactory/accuracy/test_looking.py::test_a_budget_on_two_scenes",
     "datafactory/paths/test_trace_on_device.py",
     "datafactory/synthesis/test_kept_machine_code.py",
     "effect_scenes/test_effect_plans.py::test_what_is_left_out_is_within_the_budget[moving",

@@ -1,4 +1,4 @@
-"""Rolling wheels: their kinematics, and the Doppler spectrum of what they send back."""
+"""Rolling wheels: their kinematics, which of them a radar sees, and how files and scenes ask for them."""
 
 from __future__ import annotations
 
