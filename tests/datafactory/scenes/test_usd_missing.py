@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from usd_files import CUBE, METRES_Z_UP, TWINS, Twin, ops, read, translated, write_usda
+from usd_files import CUBE, METRES_Z_UP, TWINS, Twin, cube, ops, read, translated, write_usda
 
 from datafactory.scenes.readers.common import Reading, parse_variants
 from datafactory.scenes.readers.open import open_scene
@@ -67,10 +67,6 @@ def test_a_lost_reference_of_what_is_named_like_materials_but_has_geometry_is_an
         read(tmp_path, body)
 
 
-def shape(name: str) -> str:
-    return f'def Mesh "{name}" {{\n{CUBE}\n}}'
-
-
 CAR = f"""def Xform "car" (
   variants = {{
     string body = "van"
@@ -80,17 +76,17 @@ CAR = f"""def Xform "car" (
 ) {{
   variantSet "body" = {{
     "van" {{
-      {shape("van")}
+      {cube("van")}
     }}
     "sedan" (
       prepend variantSets = "roof"
     ) {{
-      {shape("sedan")}
+      {cube("sedan")}
       variantSet "roof" = {{
         "open" {{
         }}
         "closed" {{
-          {shape("roof")}
+          {cube("roof")}
         }}
       }}
     }}
@@ -99,7 +95,7 @@ CAR = f"""def Xform "car" (
     "none" {{
     }}
     "four" {{
-      {shape("wheel")}
+      {cube("wheel")}
     }}
   }}
 }}"""

@@ -82,20 +82,14 @@ def test_a_scene_states_options_as_attributes(tmp_path: Path) -> None:
     assert replace(scene, targets=tuple(stated)).content_hash() != scene.content_hash()
 
 
-def written(tmp_path: Path, *entries: object) -> Path:
-    path = tmp_path / "targets.json"
-    path.write_text(json.dumps([list(entries)]))
-    return path
-
-
 def test_a_file_of_targets_may_name_models(tmp_path: Path) -> None:
-    path = written(
-        tmp_path,
+    entries = [
         {"x": 9.0, "y": 1.0, "z": -0.5, "vx": -1.2, "vy": 0.5, "model": "pedestrian", "stature_m": 1.75},
         {"x": 5.0, "y": 0.0, "rcs_dbsm": 3.0},
         {"x": 20.0, "y": 0.0, "model": "trihedral", "edge_m": 0.1, "heading_deg": 180},
-    )
-    (targets,) = read_targets(path)
+    ]
+    (tmp_path / "targets.json").write_text(json.dumps([entries]))
+    (targets,) = read_targets(tmp_path / "targets.json")
     assert len(targets.position) == 1
     human, corner = targets.models
     assert isinstance(human, PointTarget)
