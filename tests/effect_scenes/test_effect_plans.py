@@ -4,15 +4,18 @@ Of each scene the set is written down beforehand, and every frame decides for it
 is toggled in that set, and the result is simulated again: it changes by more than the frame's limit where the effect
 was on, and by less where it was off. What "changes" means is said in ``expected.json`` (``rules``): the power in a
 resolution cell for added paths, the response over its peak for how echoes are formed. The latter is decided by
-formulas, which ``tests/datafactory/frame/test_changes.py`` holds against slow sums.
+formulas, which ``tests/datafactory/frame/test_changes.py`` holds against slow sums. The scenes are the bytes that their
+script writes.
 """
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -30,7 +33,9 @@ from datafactory.paths.density import cell_power
 from datafactory.paths.notice import Notice
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import DIFFUSE, SPECULAR, PathTable
+from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose, read_poses
+from datafactory.scenes.readers.open import open_scene
 from shared.physics.units import power_to_db
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
@@ -174,3 +179,35 @@ def test_what_is_left_out_is_within_the_budget(name: str, monkeypatch: pytest.Mo
     scene = prepared_scene(EFFECTS / f"{name}.usda")
     frame = Deal(scenes=1, poses=read_poses(EFFECTS / f"{name}.poses.json")).frame(0)
     assert proof.prove(frame, scene, RADAR, SETTINGS).worst_db < DEFAULT_BUDGET_DB
+
+
+@pytest.fixture(scope="module")
+def make_effects() -> Iterator[ModuleType]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(EFFECTS.parent))
+        import make_effects
+
+        yield make_effects
+
+
+def test_the_committed_files_are_what_the_script_writes(make_effects: ModuleType, tmp_path: Path) -> None:
+    make_effects.write_effects(tmp_path)
+    written = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    committed = {path.name: path.read_bytes() for path in EFFECTS.iterdir()}
+    assert written.keys() == committed.keys()
+    assert [name for name in written if written[name] != committed[name]] == []
+
+
+def test_the_scenes_are_those_written_down(make_effects: ModuleType) -> None:
+    shows = {name: said["shows"] for name, said in EXPECTED.items()}
+    assert list(shows.items()) == [(scene.name, scene.shows) for scene in make_effects.scenes()]
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_a_scene_opens_as_it_was_meant(name: str) -> None:
+    """Without a remark but that pictures of point targets are not traced, its materials by their own names."""
+    scene, table = open_scene(str(EFFECTS / f"{name}.usda")), load_materials()
+    assert {table.lookup(item.material)[1] for item in scene.objects} <= {"name"}
+    pictures = [warning for warning in scene.warnings if "a point target (radar:rcs_dbsm) stands for them" in warning]
+    assert list(scene.warnings) == pictures
+    assert len(pictures) == (name in ("trihedral", "target_behind_pane", "moving_car"))

@@ -57,12 +57,6 @@ def test_quaternion_and_matrix_are_the_same_rotation(yaw, pitch, roll):
 # --- files ----------------------------------------------------------------------------------------------------------
 
 
-def written(tmp_path, text):
-    path = tmp_path / "poses.json"
-    path.write_text(text, encoding="utf-8")
-    return path
-
-
 def test_reads_what_is_given_and_fills_the_rest_with_zero(tmp_path):
     full = {
         "position": [1, 2.5, 3],
@@ -72,7 +66,8 @@ def test_reads_what_is_given_and_fills_the_rest_with_zero(tmp_path):
         "velocity": [4, 5, 0],
         "time": 0.25,
     }
-    poses = read_poses(written(tmp_path, json.dumps([full, {"position": [0, 0, 1]}])))
+    (tmp_path / "poses.json").write_text(json.dumps([full, {"position": [0, 0, 1]}]), encoding="utf-8")
+    poses = read_poses(tmp_path / "poses.json")
     assert poses == (Pose((1, 2.5, 3), 10, -2, 1, (4, 5, 0), 0.25), Pose((0, 0, 1)))
 
 
