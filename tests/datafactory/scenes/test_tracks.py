@@ -49,7 +49,7 @@ def circle(rows: int, radius_m: float = 20.0, speed_mps: float = 10.0) -> Curve:
     return Curve(time_s, place, np.column_stack([np.degrees(angle), np.zeros((rows, 2))]))
 
 
-# --- curves ---------------------------------------------------------------------------------------------------------
+# --- curves -----------------------------------------------------------------------------------------------------------
 
 
 def test_rows_are_given_back_as_they_were(tmp_path: Path) -> None:
@@ -134,7 +134,7 @@ def test_how_near_two_tracks_come() -> None:
     assert nearest_m(one, [Pose((3.0, 4.0, 0.0)), Pose((20.0, 0.0, 0.0))]) == pytest.approx(4.0)
 
 
-# --- files ----------------------------------------------------------------------------------------------------------
+# --- files ------------------------------------------------------------------------------------------------------------
 
 
 def test_table_and_list_are_the_same_track(tmp_path: Path) -> None:
@@ -148,6 +148,8 @@ def test_table_and_list_are_the_same_track(tmp_path: Path) -> None:
     assert one.rows() == read_track(written(tmp_path, json.dumps(entries), "track.json")).rows()
     assert one.velocity is not None
 
+
+# --- drives -----------------------------------------------------------------------------------------------------------
 
 TOWN = Scene("town", (PLATE, *BUILDINGS))
 FINE = Drives(seconds=5.0, rate_hz=100.0)
