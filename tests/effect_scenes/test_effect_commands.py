@@ -6,8 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from factory_command import run, shards
-from hardcases.tools import factory
+from factory_command import refused, run, shards
 from prepared_scenes import EFFECT_SCENES as EFFECTS
 from small_radar import write_small_radar
 
@@ -16,13 +15,6 @@ from datafactory.effects.catalogue import NAMES
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 EXPECTED = json.loads((Path(__file__).parent / "expected.json").read_text(encoding="utf-8"))["scenes"]
-
-
-def refused(*arguments: object) -> str:
-    """The one line that such a command ends with."""
-    status, _, line = factory(*arguments)
-    assert (status, line.count("\n")) == (2, 1)
-    return line
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from hardcases.tools import factory
+from factory_command import ended
 from s3_server import KEY, SECRET, Server, s3_server, set_credentials
 from small_radar import write_small_radar
 
@@ -62,9 +62,9 @@ class Ended:
 
 def command(*arguments: object) -> Ended:
     """A command as the shell runs it, in this process; nothing it says shows the secret."""
-    ended = Ended(*factory(*arguments))
-    assert SECRET not in ended.out + ended.err
-    return ended
+    done = Ended(*ended(*arguments))
+    assert SECRET not in done.out + done.err
+    return done
 
 
 def but_made(files: dict[str, bytes]) -> dict[str, bytes]:

@@ -9,7 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from hardcases.tools import factory
+from factory_command import ended, refused
 from typer.main import get_params_from_function
 from typer.testing import CliRunner
 
@@ -26,17 +26,10 @@ def interrupted() -> None:
     raise KeyboardInterrupt
 
 
-def refused(*arguments: object) -> str:
-    """The one line that such a command ends with."""
-    status, _, line = factory(*arguments)
-    assert (status, line.count("\n")) == (2, 1)
-    return line
-
-
 def test_an_interrupted_command_says_how_to_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """As typer hands it on, which swallows Ctrl-C of its own accord."""
     monkeypatch.setattr("datafactory.inspection.doctor.examine", interrupted)
-    status, _, line = factory("doctor")
+    status, _, line = ended("doctor")
     assert status == 130
     assert line == "datafactory: interrupted; what was finished is kept: the same command with --resume goes on\n"
 
