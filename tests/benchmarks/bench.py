@@ -9,46 +9,52 @@ and their records say so. The machine is described in a file beside the records.
 from __future__ import annotations
 
 import json
+import os
+import platform
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
+from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
+
+import numba
+import psutil
+import scipy.fft
+import typer
+from rich.console import Console
+from rich.table import Table
+from threadpoolctl import threadpool_info, threadpool_limits
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 import cubes
 import decided
 import devices
 import images
 import line_fits
-import machine
-import numba
-import scipy.fft
 import starts
-import typer
 from record import NotInstalledError, Record
-from rich.console import Console
-from rich.table import Table
-from threadpoolctl import threadpool_limits
 from workloads import FULL, QUICK, Size, Workload
 
-from shared.physics.errors import InputError
-
+PACKAGES = ("numpy", "scipy", "numba", "sionna-rt", "mitsuba", "drjit", "sparseradar-datafactory")
 BENCHMARKS: dict[str, Callable[[Workload], Record]] = {
     "cube_moving_vs_direct": cubes.moving_vs_direct,
     "cube_two_threads_vs_one": cubes.two_threads_vs_one,
-    "cube_tolerance_1e-3_vs_1e-6": cubes.tolerance_1e_3,
-    "cube_tolerance_1e-9_vs_1e-6": cubes.tolerance_1e_9,
-    "cube_vs_chirps_1e-6": cubes.vs_chirps_1e_6,
-    "cube_vs_chirps_1e-4": cubes.vs_chirps_1e_4,
+    "cube_tolerance_1e-3_vs_1e-6": partial(cubes.other_tolerance, tolerance="1e-3"),
+    "cube_tolerance_1e-9_vs_1e-6": partial(cubes.other_tolerance, tolerance="1e-9"),
+    "cube_vs_chirps_1e-6": partial(cubes.vs_chirps, tolerance="1e-6"),
+    "cube_vs_chirps_1e-4": partial(cubes.vs_chirps, tolerance="1e-4"),
     "truth_vs_exact": images.truth_vs_exact,
     "truth_synthesis_vs_cube": images.truth_synthesis_vs_cube,
-    "cube_on_torch_vs_compiled": devices.cube_on_torch,
-    "truth_on_torch_vs_compiled": devices.truth_on_torch,
-    "cube_on_cuda_vs_compiled": devices.cube_on_cuda,
-    "truth_on_cuda_vs_compiled": devices.truth_on_cuda,
+    "cube_on_torch_vs_compiled": partial(devices.cube, device="cpu"),
+    "truth_on_torch_vs_compiled": partial(devices.truth, device="cpu"),
+    "cube_on_cuda_vs_compiled": partial(devices.cube, device="cuda"),
+    "truth_on_cuda_vs_compiled": partial(devices.truth, device="cuda"),
     "lines_of_a_dense_frame_vs_omp_cfar": line_fits.dense_frame,
     "lines_of_192_channels_vs_omp_cfar": line_fits.wide_board,
-    "datafactory_help_vs_numpy": starts.help_of_datafactory,
-    "trainer_help_vs_numpy": starts.help_of_trainer,
+    "datafactory_help_vs_numpy": partial(starts.help_of, program="datafactory"),
+    "trainer_help_vs_numpy": partial(starts.help_of, program="trainer"),
     "first_frame_vs_numpy": starts.first_frame,
     "effects_auto_vs_all": decided.decided_frames,
     "two_workers_vs_one": starts.two_workers,
@@ -56,17 +62,11 @@ BENCHMARKS: dict[str, Callable[[Workload], Record]] = {
 
 
 def run(size: Size, names: Sequence[str], out: Path, console: Console) -> list[Record]:
-    """Run the named benchmarks, print them, and write ``out`` and the machine's file beside it.
-
-    :raises InputError: an unknown name, or a file that cannot be written
-    """
-    unknown = [name for name in names if name not in BENCHMARKS]
-    if unknown:
-        raise InputError("--only", repr(unknown[0]), f"one of {', '.join(BENCHMARKS)}")
+    """Run the named benchmarks, print them, and write ``out`` and the machine's file beside it."""
     work = Workload(size)
     records: list[Record] = []
     skipped: dict[str, str] = {}
-    before = machine.description()
+    before = machine()
     numba.set_num_threads(1)
     with threadpool_limits(limits=1), scipy.fft.set_workers(1):
         for name in names:
@@ -77,11 +77,29 @@ def run(size: Size, names: Sequence[str], out: Path, console: Console) -> list[R
                 skipped[name] = str(reason)
                 console.print(f"{name} skipped: {reason}")
     console.print(_table(records))
-    load = machine.description()["load_average_1_5_15_min"]
+    load = machine()["load_average_1_5_15_min"]
     beside = {**before, "load_average_after": load, "size": size.name, "repeats": size.repeats, "skipped": skipped}
-    _write(out, [record.to_json() for record in records])
-    _write(out.with_name(f"{out.stem}-machine.json"), beside)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(json.dumps([record.to_json() for record in records], indent=2) + "\n")
+    out.with_name(f"{out.stem}-machine.json").write_text(json.dumps(beside, indent=2) + "\n")
     return records
+
+
+def machine() -> dict[str, Any]:
+    """Hardware, versions and load, for the file beside the records."""
+    information = Path("/proc/cpuinfo")
+    lines = information.read_text().splitlines() if information.is_file() else []
+    models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return {
+        "processor": models[0] if models else platform.processor() or "unknown",
+        "cores": os.cpu_count(),
+        "memory_gb": round(psutil.virtual_memory().total / 1e9, 1),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "blas": sorted({f"{pool['internal_api']} {pool['version']}" for pool in threadpool_info() if pool["version"]}),
+        "versions": {name: version(name) for name in PACKAGES},
+        "load_average_1_5_15_min": [round(load, 2) for load in psutil.getloadavg()],
+    }
 
 
 def _table(records: Sequence[Record]) -> Table:
@@ -95,27 +113,16 @@ def _table(records: Sequence[Record]) -> Table:
     return table
 
 
-def _write(path: Path, content: object) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(content, indent=2) + "\n")
-    except OSError as error:
-        raise InputError(
-            "--out", f"{path} cannot be written ({error.strerror})", "a file in a writable folder"
-        ) from None
-
-
 def main(
     quick: Annotated[bool, typer.Option("--quick", help="Fewer paths and repeats: under a minute.")] = False,
     only: Annotated[list[str] | None, typer.Option("--only", help="Run this benchmark alone; may be repeated.")] = None,
     out: Annotated[Path, typer.Option(help="File of the records.")] = Path("build/bench.json"),
 ) -> None:
     """Measure ours against references."""
-    try:
-        run(QUICK if quick else FULL, only or list(BENCHMARKS), out, Console())
-    except InputError as error:
-        print(f"bench: {error}", file=sys.stderr)
-        raise typer.Exit(2) from None
+    unknown = [name for name in only or () if name not in BENCHMARKS]
+    if unknown:
+        raise typer.BadParameter(f"{unknown[0]!r}; expected one of {', '.join(BENCHMARKS)}", param_hint="--only")
+    run(QUICK if quick else FULL, only or list(BENCHMARKS), out, Console())
 
 
 if __name__ == "__main__":

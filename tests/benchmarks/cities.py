@@ -1,15 +1,14 @@
-"""Cities of all styles: ``.venv/bin/python tests/benchmarks/cities.py sheet|above|cost|variety [--out FILE]``.
+"""Cities of all styles: ``.venv/bin/python tests/benchmarks/cities.py sheet|above|variety [--out FILE]``.
 
-``sheet`` draws styles by seeds from above, ``above`` one scene. ``cost`` prints what the default city of each style
-takes: triangles, megabytes, processor seconds to write, to open, and of frames. ``variety`` prints how different seeds
-are, to the eye and to the radar (docs/cities.md says what the numbers are).
+``sheet`` draws styles by seeds from above, ``above`` one scene. ``variety`` prints how different seeds are, to the eye
+and to the radar (docs/notes/cities.md says what the numbers are).
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 import tempfile
-import time
 from collections.abc import Iterator, Sequence
 from itertools import combinations
 from pathlib import Path
@@ -22,14 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import fftconvolve
 
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+
+from prepared_scenes import prepared_scene
+
 from datafactory.effects.catalogue import ALL
 from datafactory.frame.chain import ChainSettings, SceneSource, make_frames
-from datafactory.frame.deal import PreparedScene
-from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.order import Order
 from datafactory.run.preparation import prepare
-from datafactory.scenes.city.city import city, write_city
+from datafactory.scenes.city.city import write_city
 from datafactory.scenes.city.rules import Style
 from datafactory.scenes.ground import HeightMap, height_map
 from datafactory.scenes.materials.table import load_materials
@@ -46,12 +47,6 @@ WINDOW_M = {Style.MOTORWAY: 90.0}
 """Half the width of a picture; of all others 75 m."""
 
 
-def prepared(path: Path) -> PreparedScene:
-    scene = open_scene(str(path))
-    materials = load_materials().map_materials([item.material for item in scene.objects])
-    return PreparedScene(scene.name, scene.content_hash(), merge_scene(scene, materials), materials)
-
-
 def sheet(folder: Path, seeds: int, out: Path) -> None:
     """Styles in rows, seeds in columns, from above; north is to the left."""
     styles = list(Style)
@@ -61,7 +56,7 @@ def sheet(folder: Path, seeds: int, out: Path) -> None:
         for seed, axis in enumerate(row):
             path = folder / f"{style.value}-{seed}.usda"
             write_city(path, seed=seed, style=style)
-            subject = Subject(path.stem, prepared(path), Pose((0.0, 0.0, 0.0)), Radar())
+            subject = Subject(path.stem, prepared_scene(path), Pose((0.0, 0.0, 0.0)), Radar())
             picture = above_picture(subject, (-half, half, half), pixels_a_metre=3.0)
             axis.imshow(picture, interpolation="lanczos")
             axis.set_axis_off()
@@ -70,8 +65,8 @@ def sheet(folder: Path, seeds: int, out: Path) -> None:
     print(f"wrote {out}")
 
 
-def frames(path: Path, count: int, rays: int) -> Iterator[tuple[float, Pose, Real]]:
-    """Processor seconds, pose and truth image of drawn frames; the first has what is found once a scene."""
+def frames(path: Path, count: int, rays: int) -> Iterator[tuple[Pose, Real]]:
+    """Pose and truth image of drawn frames."""
     radar = Radar()
     order = Order(
         radar=radar, scenes=(str(path),), frames=count, effects=ALL.without("noise"), split="1:0:0",
@@ -79,31 +74,10 @@ def frames(path: Path, count: int, rays: int) -> Iterator[tuple[float, Pose, Rea
     )  # fmt: skip
     made = prepare(order, load_materials())
     for index in range(count):
-        began = time.process_time()
         dealt = made.deal.frame(index)
         ((frame, _),) = make_frames([SceneSource(dealt, made.scenes[0], order.of_scenes)], radar)
         assert dealt.pose is not None
-        yield time.process_time() - began, dealt.pose, np.asarray(frame.image, dtype=np.float64)
-
-
-def cost(folder: Path, styles: Sequence[Style], count: int, rays: int) -> None:
-    """What the default city of a style takes: the middle one of seeds 0 to 2 by triangles."""
-    print("style, seed, triangles, MB, write [s], open [s], first frame [s], a further frame [s]")
-    for style in styles:
-        sizes = []
-        for seed in range(3):
-            placements = city(seed=seed, style=style)
-            sizes.append((sum(len(item.surface.triangles()) for item in placements if item.surface), seed))
-        triangles, seed = sorted(sizes)[1]
-        path = folder / f"{style.value}.usda"
-        began = time.process_time()
-        write_city(path, seed=seed, style=style)
-        wrote = time.process_time()
-        open_scene(str(path))
-        opened = time.process_time()
-        seconds = [taken for taken, _, _ in frames(path, count, rays)]
-        print(f"{style.value}, {seed}, {triangles}, {path.stat().st_size / 1e6:.1f}, {wrote - began:.1f}, "
-              f"{opened - wrote:.1f}, {seconds[0]:.1f}, {np.mean(seconds[1:]):.1f}", flush=True)  # fmt: skip
+        yield dealt.pose, np.asarray(frame.image, dtype=np.float64)
 
 
 def correlation(one: Real, other: Real) -> float:
@@ -161,7 +135,7 @@ def variety(folder: Path, seeds: int, styles: Sequence[Style], poses: int, rays:
             path = folder / f"{style.value}-{seed}.usda"
             write_city(path, seed=seed, style=style)
             surfaces.append(heights(path))
-            for _, pose, image in frames(path, poses, rays) if poses else ():
+            for pose, image in frames(path, poses, rays) if poses else ():
                 views.append((seed, (ahead(surfaces[-1], pose), profile(image), looks(image))))
         matches = [best_match(a, b) for a, b in combinations(surfaces, 2)]
         print(
@@ -178,7 +152,7 @@ def variety(folder: Path, seeds: int, styles: Sequence[Style], poses: int, rays:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=("sheet", "above", "cost", "variety"))
+    parser.add_argument("what", choices=("sheet", "above", "variety"))
     parser.add_argument("--seeds", type=int, default=4)
     parser.add_argument("--poses", type=int, default=3, help="frames a city; 0 for heights alone")
     parser.add_argument("--scene", type=Path, help="for above: 240 m around its origin")
@@ -191,10 +165,8 @@ def main() -> None:
         if given.what == "sheet":
             sheet(Path(folder), given.seeds, given.out)
         elif given.what == "above":
-            subject = Subject(given.scene.stem, prepared(given.scene), Pose((0.0, 0.0, 0.0)), Radar())
+            subject = Subject(given.scene.stem, prepared_scene(given.scene), Pose((0.0, 0.0, 0.0)), Radar())
             plt.imsave(given.out, above_picture(subject, (-120.0, 120.0, 120.0), pixels_a_metre=4.0))
-        elif given.what == "cost":
-            cost(Path(folder), styles, given.poses, given.rays)
         else:
             variety(Path(folder), given.seeds, styles, given.poses, given.rays)
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from record import RELATIVE_L2, Record, relative_l2, timed
+from oracles import relative_error
+from record import RELATIVE_L2, Record, timed
 from workloads import EGO_SPEED_MPS, Workload, street
 
 from datafactory.synthesis.chirps import cube_by_chirps
@@ -42,22 +43,13 @@ def two_threads_vs_one(work: Workload) -> Record:
         ours_time=elapsed,
         reference="the same on 1 thread",
         reference_time=one_time,
-        error=relative_l2(cube, one),
+        error=relative_error(cube, one),
         error_unit=RELATIVE_L2,
     )
 
 
-def tolerance_1e_3(work: Workload) -> Record:
-    """What a looser tolerance saves."""
-    return _tolerance_record(work, "1e-3")
-
-
-def tolerance_1e_9(work: Workload) -> Record:
-    """What complex128 costs."""
-    return _tolerance_record(work, "1e-9")
-
-
-def _tolerance_record(work: Workload, tolerance: str) -> Record:
+def other_tolerance(work: Workload, tolerance: str) -> Record:
+    """What a looser tolerance saves, and what complex128 costs."""
     elapsed, cube = work.cube_at(float(tolerance))
     return Record(
         name=f"cube_tolerance_{tolerance}_vs_1e-6",
@@ -70,17 +62,8 @@ def _tolerance_record(work: Workload, tolerance: str) -> Record:
     )
 
 
-def vs_chirps_1e_6(work: Workload) -> Record:
+def vs_chirps(work: Workload, tolerance: str) -> Record:
     """All kernels, each path in the cheapest, beside the exact one for all."""
-    return _kernel_record(work, "1e-6")
-
-
-def vs_chirps_1e_4(work: Workload) -> Record:
-    """The same at a looser tolerance."""
-    return _kernel_record(work, "1e-4")
-
-
-def _kernel_record(work: Workload, tolerance: str) -> Record:
     radar, chirps = work.radar, work.radar.waveform.chirps
 
     def by_chirps(paths):

@@ -11,9 +11,12 @@ from __future__ import annotations
 import argparse
 import shutil
 import statistics
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 from record import Record, Timing
 from starts import TINY_SCENE, median_time, program_of, timed_run

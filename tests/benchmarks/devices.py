@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from record import RELATIVE_L2, NotInstalledError, Record, relative_l2, timed
+from oracles import relative_error
+from record import RELATIVE_L2, NotInstalledError, Record, timed
 from workloads import EGO_SPEED_MPS, Workload, street
 
 from datafactory.paths.backend import cuda_device
@@ -20,26 +21,6 @@ from shared.signal.spectrum import range_doppler, select_doppler
 TOLERANCE = 1e-3
 """Of the frames of a run."""
 Make = Callable[[Kernels, PathTable], NDArray[np.complexfloating]]
-
-
-def cube_on_torch(work: Workload) -> Record:
-    """The moving cube of torch on one core."""
-    return _cube(work, "cpu")
-
-
-def truth_on_torch(work: Workload) -> Record:
-    """The moving truth of torch on one core."""
-    return _truth(work, "cpu")
-
-
-def cube_on_cuda(work: Workload) -> Record:
-    """The moving cube on a GPU, copied back."""
-    return _cube(work, "cuda")
-
-
-def truth_on_cuda(work: Workload) -> Record:
-    """The moving truth on a GPU, copied back."""
-    return _truth(work, "cuda")
 
 
 def _kernels(device: str) -> tuple[Kernels, str]:
@@ -55,22 +36,25 @@ def _kernels(device: str) -> tuple[Kernels, str]:
     return torch_kernels(device), f"torch {torch.__version__} on {cuda_device().name}"
 
 
-def _cube(work: Workload, device: str) -> Record:
-    def cube(made_by: Kernels, table: PathTable) -> NDArray[np.complexfloating]:
+def cube(work: Workload, device: str) -> Record:
+    """The moving cube of torch, copied back from a GPU."""
+
+    def make(made_by: Kernels, table: PathTable) -> NDArray[np.complexfloating]:
         by_kernel = sorted_paths(table, work.radar, TOLERANCE, work.radar.array, intra_chirp=False)
         return made_by.cube(by_kernel, work.radar, TOLERANCE, work.radar.array, 1, intra_chirp=False)
 
-    return _record("cube", f"{work.size.paths} paths, tolerance {TOLERANCE:g}, sorting included", cube, work, device)
+    return _record("cube", f"{work.size.paths} paths, tolerance {TOLERANCE:g}, sorting included", make, work, device)
 
 
-def _truth(work: Workload, device: str) -> Record:
+def truth(work: Workload, device: str) -> Record:
+    """The moving truth of torch, copied back from a GPU."""
     cells = select_doppler(range_doppler(work.cube[1], work.radar), 0.0, 1).cells[0]
 
-    def truth(made_by: Kernels, table: PathTable) -> NDArray[np.complexfloating]:
+    def make(made_by: Kernels, table: PathTable) -> NDArray[np.complexfloating]:
         return made_by.truth(table, work.radar, cells, DEFAULT_TERMS, intra_chirp=False)
 
     what = f"{work.size.paths} paths x {work.sensor.channels} channels, a cell a row"
-    return _record("truth", what, truth, work, device)
+    return _record("truth", what, make, work, device)
 
 
 def _record(name: str, what: str, make: Make, work: Workload, device: str) -> Record:
@@ -86,6 +70,6 @@ def _record(name: str, what: str, make: Make, work: Workload, device: str) -> Re
         ours_time=elapsed,
         reference="the compiled kernels, the same; 1 thread",
         reference_time=reference_time,
-        error=relative_l2(made, reference),
+        error=relative_error(made, reference),
         error_unit=RELATIVE_L2,
     )

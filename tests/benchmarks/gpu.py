@@ -17,10 +17,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import pyarrow.parquet as pq
 import typer
 from rich.console import Console
 from rich.table import Table
+
+from shared.dataset.folder import open_dataset
 
 COLUMNS = ("range_channel", "image")
 
@@ -40,16 +41,9 @@ def difference_db(one: Path, other: Path, column: str) -> float:
     """Relative L2 difference of all frames' columns [dB]."""
     values = [
         np.concatenate(
-            [
-                pq.read_table(shard)[column]
-                .combine_chunks()
-                .flatten()
-                .to_numpy(zero_copy_only=False)
-                .astype(np.float64)
-                for shard in sorted(folder.glob("*/part-*.parquet"))
-            ]
+            [getattr(frame, column).ravel() for split in opened.splits for frame in opened.frames(split, (column,))]
         )
-        for folder in (one, other)
+        for opened in (open_dataset(one), open_dataset(other))
     ]
     apart = np.linalg.norm(values[1] - values[0]) / np.linalg.norm(values[0])
     return 20.0 * math.log10(max(float(apart), 1e-20))

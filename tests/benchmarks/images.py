@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator
-from functools import cache
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
-from record import DB_OF_PEAK, Record, Timing, peak_error_db, timed
+from oracles import doppler_filtered, matched_filter_row, peak_error_db
+from record import DB_OF_PEAK, Record, Timing, timed
 from workloads import EGO_SPEED_MPS, SEED, Workload, street
 
 from datafactory.defaults import IMAGE_BATCH
@@ -19,10 +15,6 @@ from datafactory.synthesis.truth import truth_moments
 from shared.radar import Radar
 from shared.signal.imaging import DEFAULT_TERMS, near_field_images, sweep_moments
 from shared.signal.spectrum import range_doppler, select_doppler
-from shared.signal.windows import hann
-
-sys.path.append(str(Path(__file__).resolve().parents[1]))
-from oracles import matched_filter_row
 
 RANGES_M = (3.0, 5.7, 20.0, 60.0)
 FRAMES = 8
@@ -45,7 +37,6 @@ def _static(radar: Radar) -> Radar:
     return radar.model_copy(update={"waveform": radar.waveform.model_copy(update={"chirps": 1})})
 
 
-@cache
 def _frames(work: Workload) -> tuple[NDArray[np.complex128], Timing, NDArray[np.complex64]]:
     """Fast time of FRAMES frames [B, samples, C], time of a frame of a full batch, and their images [B, R, U].
 
@@ -145,19 +136,8 @@ def _moments_error_db(work: Workload) -> float:
     exact = np.empty(moments.shape, dtype=np.complex128)
     outermost = work.sensor.model_copy(update={"rx_m": work.sensor.rx_m[:CHECKED_ELEMENTS]})
     cube = cube_of_paths(paths, radar, array=outermost)
-    for cell, filtered in _doppler_filtered(cube, radar, np.unique(cells)):
+    for cell in np.unique(cells):
         rows = np.flatnonzero(cells == cell)
+        filtered = doppler_filtered(cube, radar, int(cell))
         exact[:, rows] = sweep_moments(filtered, radar, len(moments))[:, rows]
     return peak_error_db(moments, exact)
-
-
-def _doppler_filtered(
-    cube: NDArray, radar: Radar, cells: NDArray[np.int64]
-) -> Iterator[tuple[int, NDArray[np.complex128]]]:
-    """Each cell of the Hann-windowed Doppler filter bank with its [samples, C]."""
-    chirps = radar.waveform.chirps
-    m = np.arange(chirps)
-    window = hann(chirps) / hann(chirps).sum()
-    for cell in cells:
-        filter_ = window * np.exp(-2j * np.pi * (cell - chirps // 2) * m / chirps)
-        yield int(cell), np.tensordot(filter_, cube, axes=1)

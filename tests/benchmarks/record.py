@@ -8,9 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 Value = TypeVar("Value")
 
 RELATIVE_L2 = "relative L2"
@@ -97,13 +94,3 @@ def timed(function: Callable[[], Value], repeats: int) -> tuple[Timing, Value]:
         seconds.append(time.perf_counter() - start)
         cpu_seconds.append(time.process_time() - cpu_start)
     return Timing(statistics.median(seconds), statistics.median(cpu_seconds)), value
-
-
-def relative_l2(value: NDArray, reference: NDArray) -> float:
-    """Relative L2 error."""
-    return float(np.linalg.norm(value - reference) / np.linalg.norm(reference))
-
-
-def peak_error_db(value: NDArray, reference: NDArray) -> float:
-    """Largest difference over the reference's largest magnitude [dB]."""
-    return float(20.0 * np.log10(np.abs(value - reference).max() / np.abs(reference).max()))

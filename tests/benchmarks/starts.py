@@ -22,14 +22,9 @@ NUMPY = ("import numpy",)
 EXIT_STATUS = "exit status"
 
 
-def help_of_datafactory(work: Workload) -> Record:
-    """``datafactory --help``."""
-    return _beside_numpy(work, "datafactory_help_vs_numpy", "datafactory --help", program_of("datafactory", "--help"))
-
-
-def help_of_trainer(work: Workload) -> Record:
-    """``trainer --help``."""
-    return _beside_numpy(work, "trainer_help_vs_numpy", "trainer --help", program_of("trainer", "--help"))
+def help_of(work: Workload, program: str) -> Record:
+    """``datafactory --help`` or ``trainer --help``."""
+    return _beside_numpy(work, f"{program}_help_vs_numpy", f"{program} --help", program_of(program, "--help"))
 
 
 def first_frame(work: Workload) -> Record:

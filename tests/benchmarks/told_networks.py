@@ -1,9 +1,10 @@
-"""What the sensor's motion as an input is worth: the second table of docs/notes/ego-motion.md.
+"""What the sensor's motion as an input is worth, and what further training: docs/notes/ego-motion.md and weights.md.
 
     python tests/benchmarks/told_networks.py DATASET PLAIN TOLD
 
 Runs on the frames of the test split at their strongest Doppler peaks: PLAIN was trained with ``told = 0``, TOLD with a
-share; each with a flat prior and with the motion. Lines as those of ``ego_motion.py`` beside it.
+share; each with a flat prior and with the motion. Beside them stand the shipped weights of PLAIN's array. Lines as
+those of ``ego_motion.py`` beside it.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from shared.dataset.reading import radar_of
 from trainer.metrics.bootstrap import bootstrap_mean
 from trainer.metrics.ranking import mean_average_precision
 from trainer.run.answers import NetworkAnswer, network_answer
-from trainer.run.folder import load_imager
+from trainer.run.folder import load_imager, read_run
 from trainer.run.pretrained import pretrained_run
 
 PAIRS = (
@@ -31,15 +32,15 @@ def main(dataset: Path, plain: Path, told: Path) -> None:
     opened = open_dataset(dataset)
     radar = radar_of(opened.description(), dataset / MANIFEST)
     frames = list(opened.frames("test", ("range_channel", "velocity", "image")))
-    found = {}
-    for name, folder in (("shipped", pretrained_run("sparse6")), ("plain", plain), ("told", told)):
+    found, array = {}, read_run(plain).array.name
+    for name, folder in (("shipped", pretrained_run(array)), ("plain", plain), ("told", told)):
         for share, suffix in ((0.0, ""), (1.0, ", told")):
             found[name + suffix] = scored(with_share(folder, share), frames, radar)
     for name, (ranking, errors) in found.items():
-        row("sparse6", name, mean_average_precision([ranking]), bootstrap_mean(errors))
+        row(array, name, mean_average_precision([ranking]), bootstrap_mean(errors))
     for one, other in PAIRS:
         (ranking, errors), (below, error_below) = found[one], found[other]
-        row("sparse6", f"{one} less {other}", mean_average_precision([ranking], [below]),
+        row(array, f"{one} less {other}", mean_average_precision([ranking], [below]),
             bootstrap_mean(errors - error_below))  # fmt: skip
 
 

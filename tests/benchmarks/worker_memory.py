@@ -12,7 +12,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from large_scenes import stage
+import numpy as np
 
 from datafactory.api.asking import order_of
 from datafactory.api.options import OrderOptions
@@ -24,6 +24,7 @@ BIG = "[waveform]\nchirps = 256\nsamples = 2048\nrange_bins = 1000\n"
 
 
 INSTANCES = "instances"
+"""5000 instances of 162 triangles, by a point instancer above a ground."""
 PEAK = """
 import os, sys
 child = os.posix_spawn(sys.executable, [sys.executable, *sys.argv[1:]], os.environ)
@@ -32,7 +33,6 @@ print(usage.ru_maxrss)
 sys.exit(os.waitstatus_to_exitcode(status))
 """
 """Starts a command from a small process: Linux counts the size of the process that started it as the child's own."""
-"""5000 instances of 162 triangles, of ``large_scenes.py``."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,37 @@ CASES = (
 )
 
 
+def instances() -> str:
+    """The text of a USD stage: a wavy sheet of 9 x 9 quadrilaterals, 5000 times, 3 m apart."""
+    count, side = 5000, 9
+    x, y = np.meshgrid(np.arange(side + 1) / side, np.arange(side + 1) / side, indexing="ij")
+    points = np.stack([x, y, 0.05 * np.sin(7 * x) * np.cos(9 * y)], -1).reshape(-1, 3)
+    corner = np.arange(side * side) // side * (side + 1) + np.arange(side * side) % side
+    indices = np.stack([corner, corner + side + 1, corner + side + 2, corner + 1], -1).ravel()
+    return f"""#usda 1.0
+(
+  metersPerUnit = 1
+  upAxis = "Z"
+)
+def Mesh "ground" {{
+  point3f[] points = [(-50,-50,-1), (400,-50,-1), (400,400,-1), (-50,400,-1)]
+  int[] faceVertexCounts = [4]
+  int[] faceVertexIndices = [0, 1, 2, 3]
+}}
+def PointInstancer "many" {{
+  rel prototypes = </many/one>
+  int[] protoIndices = [{", ".join(["0"] * count)}]
+  point3f[] positions = [{", ".join(f"({i % 100 * 3}, {i // 100 * 3}, 0)" for i in range(count))}]
+  def Mesh "one" {{
+    point3f[] points = [{", ".join(f"({a:.5f},{b:.5f},{c:.5f})" for a, b, c in points)}]
+    int[] faceVertexCounts = [{", ".join(["4"] * (side * side))}]
+    int[] faceVertexIndices = [{", ".join(map(str, indices))}]
+    uniform token subdivisionScheme = "none"
+  }}
+}}
+"""
+
+
 def measured(case: Case, folder: Path) -> tuple[float, float]:
     """Peak resident size of the process, and the prediction [bytes]; Linux."""
     radar = case.radar
@@ -81,7 +112,7 @@ def measured(case: Case, folder: Path) -> tuple[float, float]:
     scene = case.scene if case.scene is None or ":" in case.scene else str(ROOT / "scenes" / case.scene)
     if case.scene == INSTANCES:
         scene = str(folder / "instances.usda")
-        Path(scene).write_text(stage(INSTANCES), encoding="utf-8")
+        Path(scene).write_text(instances(), encoding="utf-8")
     order = order_of(OrderOptions(
         scene, radar=radar, frames=case.frames if scene else 0, points=0 if scene else case.frames, rays=case.rays,
         depth=case.depth, effects=case.effects, store=case.store,

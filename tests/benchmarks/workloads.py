@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from oracles import delays
 from record import Timing, timed
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths
-from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AntennaArray, virtual_sensor_256
 from shared.radar.waveform import Waveform
@@ -65,14 +65,12 @@ FULL = Size(
     worker_frames=96,
     decided_frames=20,
 )
-QUICK = Size(
+QUICK = replace(
+    FULL,
     name="quick",
     paths=5_000,
     rays=20_000,
-    direct_samples=4,
     truth_paths=300,
-    waveform=Waveform(),
-    elements=256,
     angle_bins=90,
     repeats=2,
     worker_frames=16,
@@ -91,19 +89,11 @@ def street(paths: int, speed_mps: float, seed: int = SEED) -> PathTable:
     return PathTable(ScatteredPaths.of_points(range_m[:, None] * direction, velocity, amplitude))
 
 
-def delays(paths: PathTable, array: AntennaArray, channel: int, time_s: float) -> NDArray[np.float64]:
-    """[K] delays [s] of scattered paths for one channel at one instant: |x_i - p| + b + |x_j - q|, over c."""
-    scattered = paths.scattered
-    tx, rx = array.tx[array.channel_tx[channel]], array.rx[array.channel_rx[channel]]
-    tx_leg = np.linalg.norm(scattered.tx_point + scattered.tx_velocity * time_s - tx, axis=1)
-    rx_leg = np.linalg.norm(scattered.rx_point + scattered.rx_velocity * time_s - rx, axis=1)
-    return (tx_leg + scattered.between_m + scattered.between_rate_mps * time_s + rx_leg) / SPEED_OF_LIGHT
-
-
 def direct_sum(paths: PathTable, radar: Radar, array: AntennaArray, channel: int, chirp: int) -> NDArray[np.complex128]:
     """[samples] eq. (1) summed in float64 for one channel and chirp, in NumPy, some paths at a time."""
     waveform = radar.waveform
-    tau = delays(paths, array, channel, chirp * waveform.chirp_interval_s)
+    tx, rx = array.tx[array.channel_tx[channel]], array.rx[array.channel_rx[channel]]
+    tau = delays(paths, tx, rx, chirp * waveform.chirp_interval_s)
     frequency = waveform.carrier_hz + waveform.bandwidth_hz * np.arange(waveform.samples) / waveform.samples
     amplitude = paths.scattered.amplitude
     signal = np.zeros(waveform.samples, dtype=np.complex128)

@@ -9,16 +9,15 @@ from collections.abc import Sequence
 
 import numpy as np
 from hardcases.case import HardCase
-from hardcases.tools import MATERIALS, MIRROR, not_finite_paths, rectangle
+from hardcases.tools import MIRROR, UTM, not_finite_paths, rectangle, traced
 from numpy.typing import NDArray
 
 from datafactory.paths.table import TARGET, PathTable
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import PointTarget, Scene, SceneObject
+from datafactory.scenes.scene import PointTarget, SceneObject
 from datafactory.scenes.targets.models import Car, Pedestrian
 
 WAVELENGTH_M = 299_792_458.0 / 77.5e9
-UTM = np.array([500_000.0, 5_480_000.0, 320.0])
 
 
 def _ground(material: str = MIRROR, half_m: float = 400.0) -> SceneObject:
@@ -26,14 +25,7 @@ def _ground(material: str = MIRROR, half_m: float = 400.0) -> SceneObject:
 
 
 def _traced(objects: Sequence[SceneObject], targets: Sequence[PointTarget], pose: Pose) -> PathTable:
-    from datafactory.paths.merged_scene import merge_scene
-    from datafactory.paths.rays import RayFan
-    from datafactory.paths.solver import TraceSettings
-    from datafactory.paths.trace import trace
-
-    merged = merge_scene(Scene("hard", tuple(objects), tuple(targets)), MATERIALS)
-    settings = TraceSettings(rays=100, depth=2, diffuse=False)
-    return trace(merged, pose, 77.5e9, settings, RayFan(100), 1)
+    return traced(objects, pose, rays=100, depth=2, targets=targets, diffuse=False)
 
 
 def _post(x: float, z: float) -> PointTarget:
@@ -80,7 +72,7 @@ def _far_away() -> float:
     """Largest error of an image's place [m] for a scene 5500 km from its origin."""
     ground = _ground()
     moved = SceneObject("ground", ground.vertices + UTM, ground.triangles, MIRROR)
-    x, y, z = (UTM + np.array([14.0, 2.0, 0.7])).tolist()
+    x, y, z = (np.array(UTM) + np.array([14.0, 2.0, 0.7])).tolist()
     table = _traced([moved], [PointTarget("post", (x, y, z), 0.0)], Pose((UTM[0], UTM[1], UTM[2] + 0.5)))
     twice = table.scattered.take(table.scattered.depth == 3)
     return float(np.abs(twice.tx_point - [14.0, 2.0, -1.2]).max()) if len(twice) == 1 else np.inf

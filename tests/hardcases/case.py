@@ -42,12 +42,10 @@ class HardCase:
 class Verdict:
     """What came of a case.
 
-    :param theme: name of the module that holds the case
     :param measured: NaN where the measurement raised
     :param fault: why the bound is broken, in one line; "" where it is kept
     """
 
-    theme: str
     case: HardCase
     measured: float
     fault: str
@@ -57,17 +55,17 @@ class Verdict:
         return not self.fault
 
 
-def judge(theme: str, case: HardCase) -> Verdict:
+def judge(case: HardCase) -> Verdict:
     """Measure a case; whatever it raises breaks its bound, and is said."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)
             measured = float(case.measure())
     except Exception as error:  # a case may fail in any way: the table must still be printed
-        return Verdict(theme, case, math.nan, " ".join(f"{type(error).__name__}: {error}".split()))
+        return Verdict(case, math.nan, " ".join(f"{type(error).__name__}: {error}".split()))
     if not math.isfinite(measured):
-        return Verdict(theme, case, measured, "not finite")
-    return Verdict(theme, case, measured, "" if measured <= case.bound else "above the bound")
+        return Verdict(case, measured, "not finite")
+    return Verdict(case, measured, "" if measured <= case.bound else "above the bound")
 
 
 def catalogue() -> tuple[tuple[str, HardCase], ...]:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from corner_scenes import dihedral, echoes, level_db, meshes_of, received
 from hardcases.case import HardCase
+from hardcases.tools import UTM, stage
 from sionna_scenes import mesh, plate, scene_of
 
 from datafactory.paths.corner_edges import corners_of
@@ -21,7 +22,6 @@ from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import SceneObject
 
 FACES = dihedral(20.0, 0.15, 0.2, 6.0)
-FAR = (500_000.0, 5_480_000.0, 320.0)
 
 
 def _echo(objects: Sequence[SceneObject], pose: Pose | None = None) -> complex:
@@ -36,21 +36,16 @@ def _cut() -> float:
 
 def _far_away() -> float:
     """Level error [dB] of a corner 5500 km from its scene's origin."""
-    moved = [mesh(item.name, item.vertices + np.array(FAR), item.triangles, "metal") for item in meshes_of(FACES)]
-    return abs(level_db(_echo(moved, Pose(FAR)), _echo(meshes_of(FACES))))
+    moved = [mesh(item.name, item.vertices + np.array(UTM), item.triangles, "metal") for item in meshes_of(FACES)]
+    return abs(level_db(_echo(moved, Pose(UTM)), _echo(meshes_of(FACES))))
 
 
 def _centimetres() -> float:
     """Level error [dB] of a corner read from a file in centimetres."""
-    layer = '#usda 1.0\n(\n metersPerUnit = 0.01\n upAxis = "Z"\n)\n'
-    for number, face in enumerate(FACES):
-        corners = [face.corner, face.corner + face.along, face.corner + face.along + face.into, face.corner + face.into]
-        points = ", ".join(str(tuple((100.0 * corner).tolist())) for corner in corners)
-        layer += f'def Mesh "face{number}" {{\n point3f[] points = [{points}]\n int[] faceVertexCounts = [4]\n'
-        layer += ' int[] faceVertexIndices = [0, 1, 2, 3]\n uniform token subdivisionScheme = "none"\n}\n'
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "corner.usda"
-        path.write_text(layer, encoding="utf-8")
+        meshes = {f"face{n}": (item.vertices, item.triangles) for n, item in enumerate(meshes_of(FACES))}
+        path.write_text(stage(meshes, 0.01), encoding="utf-8")
         read = [mesh(item.name, item.vertices, item.triangles, "metal") for item in open_scene(str(path)).objects]
     return abs(level_db(_echo(read), _echo(meshes_of(FACES))))
 

@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 from curved_bodies import Mesh, cylinder, sphere, torus, tube
 from hardcases.case import HardCase
-from hardcases.tools import MIRROR, frame_of, not_finite, not_finite_paths, small_radar, traced
+from hardcases.tools import MIRROR, UTM, frame_of, not_finite, not_finite_paths, small_radar, stage, traced
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from datafactory.paths.table import PathTable
 from datafactory.scenes.poses import Pose
@@ -80,35 +81,15 @@ def _beside_the_limit() -> float:
     return float(mixed)
 
 
-def _stage(of: Mesh, metres: float, offset: ArrayLike) -> str:
-    """A USD layer of a mesh, its points in units of ``metres`` under a translation [m]."""
-    points = ", ".join(f"({x!r}, {y!r}, {z!r})" for x, y, z in (of[0] / metres).tolist())
-    place = ", ".join(repr(float(value) / metres) for value in np.asarray(offset))
-    return f"""#usda 1.0
-(
-  metersPerUnit = {metres}
-  upAxis = "Z"
-)
-def Mesh "body" {{
-  point3f[] points = [{points}]
-  int[] faceVertexCounts = [{", ".join(["3"] * len(of[1]))}]
-  int[] faceVertexIndices = [{", ".join(map(str, of[1].reshape(-1).tolist()))}]
-  uniform token subdivisionScheme = "none"
-  double3 xformOp:translate = ({place})
-  uniform token[] xformOpOrder = ["xformOp:translate"]
-}}
-"""
-
-
 def _centimetres_far_away() -> float:
     """Level error [dB] of a sphere and a cylinder from a file in centimetres, 500 km away, float32 points."""
-    shift, errors = np.array([500_000.0, 5_480_000.0, 320.0]), []
+    errors = []
     with tempfile.TemporaryDirectory() as folder:
         for of in (sphere(0.3, 40), cylinder(0.3, 1.0, 40)):
             path = Path(folder) / "body.usda"
-            path.write_text(_stage(of, 0.01, shift + np.array([6.0, 0.0, 0.0])), encoding="utf-8")
+            path.write_text(stage({"body": of}, 0.01, UTM + np.array([6.0, 0.0, 0.0])), encoding="utf-8")
             item = replace(open_scene(str(path)).objects[0], material=MIRROR)
-            errors.append(_level_db(traced([item], Pose(tuple(shift.tolist()))), traced([_body(of)])))
+            errors.append(_level_db(traced([item], Pose(UTM)), traced([_body(of)])))
     return max(errors)
 
 
@@ -134,13 +115,8 @@ def _foot_on_seams() -> float:
         for angle in (0.0, 1e-12, 1e-7, 0.25 * turn, 0.5 * turn):
             for tilt in (0.0, 1e-9, 0.3 * turn):
                 vertices, triangles = sphere(0.5, segments)
-                about_z = np.array(
-                    [[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]]
-                )
-                about_y = np.array(
-                    [[np.cos(tilt), 0.0, np.sin(tilt)], [0.0, 1.0, 0.0], [-np.sin(tilt), 0.0, np.cos(tilt)]]
-                )
-                wrong += len(traced([_body((vertices @ about_z.T @ about_y.T, triangles))], rays=200)) != 1
+                turned = Rotation.from_euler("zy", (angle, tilt)).apply(vertices)
+                wrong += len(traced([_body((turned, triangles))], rays=200)) != 1
     return float(wrong)
 
 

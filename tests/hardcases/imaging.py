@@ -168,7 +168,7 @@ def _doppler_choice(scale: float) -> float:
 
 
 def _doppler_of_nothing() -> float:
-    """Values that are not zero, or cells off the axis, for spectra of zeros."""
+    """Values that are not zero, or cells off the axis, for spectra of zeros and no noise at all."""
     selection = select_doppler(np.zeros((5, 8, 3), dtype=np.complex64), 0.0)
     off_axis = np.count_nonzero((selection.cells < 0) | (selection.cells >= 8))
     return float(np.count_nonzero(selection.magnitude) + np.count_nonzero(selection.range_channel) + off_axis)

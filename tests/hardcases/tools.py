@@ -1,22 +1,20 @@
-"""What several themes need: small radars, whole frames, one trace, a command in this process."""
+"""What several themes need: small radars, whole frames, one trace, a stage of USD."""
 
 from __future__ import annotations
 
-import contextlib
-import io
-import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from oracles import if_cube, relative_error
+from sionna_scenes import material, plate
 
 from datafactory.frame.measurement import FrameIdentity, Processing, image, measure
 from datafactory.paths.rays import RayFan
 from datafactory.paths.table import PathTable, ScatteredPaths
-from datafactory.scenes.materials.table import Material, MaterialMapping
+from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import Scene, SceneObject
+from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.synthesis.cube import cube_of_paths
 from shared.dataset import Frame
 from shared.radar import FrontEnd, ImageGrid, Radar
@@ -26,17 +24,16 @@ from shared.radar.waveform import Waveform
 
 MIRROR = "mirror"
 """Name of the perfect conductor among :data:`MATERIALS`; ``rough`` scatters diffusely, ``vacuum`` does nothing."""
-
-
-def _material(name: str, permittivity: float, conductivity: float, scattering: float) -> Material:
-    return Material(name, permittivity, conductivity, 0.1, scattering, "lambertian", "test", (77.0, 78.0), ())
-
-
+UTM = (500_000.0, 5_480_000.0, 320.0)
+"""Easting, northing and height of a place in the middle of a UTM zone [m]."""
 MATERIALS = MaterialMapping(
     entries={
-        MIRROR: (_material(MIRROR, 1.0, 1e7, 0.0), "test"),
-        "rough": (_material("rough", 5.0, 1.0, 0.6), "test"),
-        "vacuum": (_material("vacuum", 1.0, 0.0, 0.0), "test"),
+        item.name: (item, "test")
+        for item in (
+            material(MIRROR, 1.0, 1e7, 0.1),
+            material("rough", 5.0, 1.0, 0.1, scattering=0.6),
+            material("vacuum", 1.0, 0.0, 0.1),
+        )
     },
     unknown=(),
 )
@@ -91,9 +88,7 @@ def not_finite_paths(paths: PathTable) -> int:
 
 def rectangle(name: str, centre: ArrayLike, across: ArrayLike, up: ArrayLike, material: str = MIRROR) -> SceneObject:
     """A flat rectangle, centre +- across +- up [m], of two triangles."""
-    middle, a, b = (np.array(vector, dtype=float) for vector in (centre, across, up))
-    vertices = np.array([middle - a - b, middle + a - b, middle + a + b, middle - a + b])
-    return SceneObject(name, vertices, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), material)
+    return plate(name, centre, across, up, material)
 
 
 def wall_ahead(distance_m: float = 10.0, material: str = MIRROR, name: str = "wall") -> SceneObject:
@@ -107,37 +102,34 @@ def traced(
     rays: int = 20_000,
     depth: int = 1,
     fan: RayFan | None = None,
+    targets: Sequence[PointTarget] = (),
+    diffuse: bool = True,
 ) -> PathTable:
-    """The multipath of objects of :data:`MATERIALS` seen from a pose, as traced: amplitudes not yet illuminated."""
+    """The multipath of objects of :data:`MATERIALS`, and of targets, as traced: amplitudes not yet illuminated."""
     from datafactory.paths.merged_scene import merge_scene
     from datafactory.paths.solver import TraceSettings
     from datafactory.paths.trace import trace
 
-    merged = merge_scene(Scene("hard", tuple(objects)), MATERIALS)
-    return trace(merged, pose, 77.5e9, TraceSettings(rays=rays, depth=depth), fan or RayFan(rays), seed=1)
+    merged = merge_scene(Scene("hard", tuple(objects), tuple(targets)), MATERIALS)
+    settings = TraceSettings(rays=rays, depth=depth, diffuse=diffuse)
+    return trace(merged, pose, 77.5e9, settings, fan or RayFan(rays), seed=1)
 
 
-def factory(*arguments: object) -> tuple[int, str, str]:
-    """(exit status, standard output, standard error) of ``datafactory`` with these arguments, in this process.
-
-    What ``main`` does not catch propagates: that is the traceback that a user would see.
-    """
-    from datafactory.cli.app import main
-
-    out, err, before = io.StringIO(), io.StringIO(), sys.argv
-    sys.argv = ["datafactory", *map(str, arguments)]
-    try:
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-            main()
-    except SystemExit as end:
-        return int(end.code or 0), out.getvalue(), err.getvalue()
-    finally:
-        sys.argv = before
-    return 0, out.getvalue(), err.getvalue()
-
-
-def level_db(value: NDArray | complex | float, reference: complex | float) -> float:
-    """Largest magnitude of ``value`` relative to ``reference`` [dB]; -400 where it is zero."""
-    from shared.physics.units import amplitude_to_db
-
-    return float(amplitude_to_db(np.abs(np.asarray(value)).max() / abs(reference)))
+def stage(
+    meshes: Mapping[str, tuple[NDArray, NDArray]], metres: float = 1.0, offset: ArrayLike = (0.0, 0.0, 0.0)
+) -> str:
+    """A USD layer of named meshes (vertices [V, 3] m, triangles [T, 3]) in units of ``metres``, moved by [3] m."""
+    layer = f'#usda 1.0\n(\n  metersPerUnit = {metres}\n  upAxis = "Z"\n)\n'
+    place = ", ".join(repr(float(value) / metres) for value in np.asarray(offset))
+    for name, (vertices, triangles) in meshes.items():
+        corners = ", ".join(f"({x!r}, {y!r}, {z!r})" for x, y, z in (vertices / metres).tolist())
+        layer += f"""def Mesh "{name}" {{
+  point3f[] points = [{corners}]
+  int[] faceVertexCounts = [{", ".join(["3"] * len(triangles))}]
+  int[] faceVertexIndices = [{", ".join(map(str, triangles.reshape(-1).tolist()))}]
+  uniform token subdivisionScheme = "none"
+  double3 xformOp:translate = ({place})
+  uniform token[] xformOpOrder = ["xformOp:translate"]
+}}
+"""
+    return layer

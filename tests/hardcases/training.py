@@ -118,10 +118,6 @@ def _one_strong_batch() -> dict[str, Any]:
     return batch
 
 
-def _not_finite_of_one_strong_target() -> float:
-    return _not_finite_gradients([_one_strong_batch()])
-
-
 def _untouched(**changes: object) -> Any:
     """A task of the unrolled network that adds nothing to its base, the view of the plain iterations."""
     import torch
@@ -172,7 +168,8 @@ CASES = (
         "one target at 80 dB", "a covariance that single precision cannot invert", 0.02, "relative", _one_strong_target
     ),
     HardCase(
-        "gradients of one target at 80 dB", "so are its gradients", 0, "values", _not_finite_of_one_strong_target,
+        "gradients of one target at 80 dB", "so are its gradients", 0, "values",
+        lambda: _not_finite_gradients([_one_strong_batch()]),
     ),
     HardCase(
         "an estimate of noise alone", "a converging spectrum makes targets of noise", 1.5, "of the noise's amplitude",

@@ -75,7 +75,7 @@ def test_what_an_interrupted_predict_advises_works(tmp_path, capsys, monkeypatch
 
     arguments = ("predict", data, "--method", "das", "--out", out)
     with monkeypatch.context() as patched:
-        patched.setattr("trainer.run.predict.save_picture", interrupted)
+        patched.setattr("trainer.run.pictures.save_picture", interrupted)
         assert status(capsys, patched, *arguments)[0] == 130
     (picture,) = out.iterdir()
     assert "is not empty; expected an empty or new folder" in status(capsys, monkeypatch, *arguments)[2]

@@ -39,7 +39,7 @@ from trainer.run.detections import Detections
 from trainer.run.ego_motion import Motions
 from trainer.run.folder import load_imager, output_folder, same_radar
 from trainer.run.precision import precision_remark
-from trainer.run.predictor import PointsRequest, Prediction, Predictor, answer_for_cubes
+from trainer.run.predictor import CubesOf, PointsRequest, Prediction, Predictor, answer_for_cubes
 
 IMAGES = "images.parquet"
 
@@ -159,14 +159,16 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
 
 def _open(request: PredictRequest, announce: Callable[[str], object]) -> tuple[Answer, Measurements]:
     """Who answers, and what is asked."""
+    loaded = None if request.run is None else load_imager(request.run)
     found, measurements = open_measurements(request.source, request.radar, request.split, request.listed.cells)
-    if request.run is None:
+    if loaded is None:
         assert request.method is not None
         return estimator_answer(request.method, found, measurements.dead_channels), measurements
     if not measurements.dataset:
         dead = measurements.dead_channels
-        return answer_for_cubes(request.run, found, str(request.source), dead, announce), measurements
-    run, imager = load_imager(request.run)
+        cubes = CubesOf(found, str(request.source), dead)
+        return answer_for_cubes(*loaded, str(request.run), cubes, announce), measurements
+    run, imager = loaded
     same_radar(run.radar, str(request.run), found, str(request.source))
     imager.to("cuda" if torch.cuda.is_available() else "cpu")
     return network_answer(run, imager, None, found), measurements

@@ -25,7 +25,8 @@ from trainer.estimators.fitting import MODEL_ERROR_DB
 from trainer.run.answers import Answer, NetworkAnswer, estimator_answer, network_answer
 from trainer.run.detections import FALSE_ALARMS, Detections, Sought, find_detections, with_moving
 from trainer.run.ego_motion import Motions
-from trainer.run.folder import load_imager
+from trainer.run.folder import Run, load_imager
+from trainer.run.imager import Imager
 from trainer.run.other_radars import fitted_imager
 from trainer.run.pretrained import pretrained_names, pretrained_run
 
@@ -97,7 +98,7 @@ class Predictor:
             answer: Answer = estimator_answer(str(model), radar, ())
         elif Path(model).is_dir() or model in pretrained_names():
             folder = Path(model) if Path(model).is_dir() else pretrained_run(str(model))
-            answer = answer_for_cubes(folder, radar, "the cube", (), lambda _: None)
+            answer = answer_for_cubes(*load_imager(folder), str(folder), CubesOf(radar), lambda _: None)
         else:
             known = [*pretrained_names(), *ESTIMATORS]
             raise InputError("model", f"{str(model)!r}", f"the folder of a run, or one of {', '.join(known)}")
@@ -136,19 +137,31 @@ def merge_peaks(
     return images.max(axis=0), np.take_along_axis(velocity.T, images.argmax(axis=0), axis=1)
 
 
-def answer_for_cubes(
-    folder: Path, radar: Radar, source: str, dead: tuple[int, ...], announce: Callable[[str], object]
-) -> NetworkAnswer:
-    """The network of a run's folder, for cubes of ``radar``.
+@dataclass(frozen=True)
+class CubesOf:
+    """Where cubes come from.
 
-    :param source: of the cubes, for messages; :param dead: channels of it without an echo
-    :raises InputError: a run that cannot be read, an array without its elements
+    :param source: for messages
+    :param dead: channels without an echo
     """
-    run, imager = load_imager(folder)
-    fitted = fitted_imager(run, imager, str(folder), radar, source)
+
+    radar: Radar
+    source: str = "the cube"
+    dead: tuple[int, ...] = ()
+
+
+def answer_for_cubes(
+    run: Run, imager: Imager, name: str, cubes: CubesOf, announce: Callable[[str], object]
+) -> NetworkAnswer:
+    """The network of a run, for cubes.
+
+    :param name: of the run, for messages
+    :raises InputError: an array without its elements
+    """
+    fitted = fitted_imager(run, imager, name, cubes.radar, cubes.source)
     for remark in fitted.remarks:
         announce(remark)
-    if blind := sorted(set(fitted.channels.tolist()) & set(dead)):
-        announce(f"the network looks at channels {blind} of {source}, which are dead")
+    if blind := sorted(set(fitted.channels.tolist()) & set(cubes.dead)):
+        announce(f"the network looks at channels {blind} of {cubes.source}, which are dead")
     fitted.imager.to("cuda" if torch.cuda.is_available() else "cpu")
-    return network_answer(run, fitted.imager, fitted.channels, radar)
+    return network_answer(run, fitted.imager, fitted.channels, cubes.radar)
