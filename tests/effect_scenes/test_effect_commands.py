@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from factory_command import refused, run, shards
+from factory_command import ended, refused, run, shards
 from prepared_scenes import EFFECT_SCENES as EFFECTS
 from small_radar import write_small_radar
 
@@ -24,7 +24,9 @@ def scene_arguments() -> list[object]:
 
 def test_plan_prints_json_and_nothing_else(scene_arguments, tmp_path: Path) -> None:
     out = tmp_path / "plan"
-    printed = json.loads(run("plan", *scene_arguments, "--json", "--no-times", "--out", out))
+    status, said, _ = ended("plan", *scene_arguments, "--json", "--no-times", "--out", out)
+    assert status == 0
+    printed = json.loads(said)
     assert printed["scene"] == "parked_car"
     assert [item["effect"] for item in printed["effects"]] == list(NAMES)
     assert all(
