@@ -43,10 +43,10 @@ settings.load_profile("repeatable")
 
 LONG = (
     "benchmarks/test_bench.py",
-    "datafactory/accuracy/test_budget.py::test_a_budget_on_two_scenes",
+    "datafactory/accuracy/test_looking.py::test_a_budget_on_two_scenes",
     "datafactory/paths/test_trace_on_device.py",
     "datafactory/synthesis/test_kept_machine_code.py",
-    "effect_scenes/test_effect_frames.py::test_what_is_left_out_is_within_the_budget[moving",
+    "effect_scenes/test_effect_plans.py::test_what_is_left_out_is_within_the_budget[moving",
     "examples/",
     "fuzz/",
     "hardcases/test_hardcases.py::test_hard_case[kernels-0.5 m",
@@ -55,7 +55,6 @@ LONG = (
     "integration/test_flipped_files.py",
     "integration/test_ray.py",
     "integration/test_remote_runs.py",
-    "integration/test_twenty_cities.py",
     "shared/physics/test_compiled.py::test_a_read_only",
     "shared/physics/test_compiled.py::test_machine_code",
     "test_browser.py",

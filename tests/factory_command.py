@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
+import sys
 from pathlib import Path
 
+import pytest
 from typer.testing import CliRunner
 
-from datafactory.cli.app import app
+from datafactory.cli.app import app, main
 
 
 def run(*arguments: object) -> str:
@@ -14,6 +18,23 @@ def run(*arguments: object) -> str:
     result = CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
     assert result.exit_code == 0, result.output
     return result.output
+
+
+def ended(*arguments: object) -> tuple[int, str, str]:
+    """(exit status, standard output, standard error) of the command as the shell runs it, in this process."""
+    out, err = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        patch.setattr(sys, "argv", ["datafactory", *map(str, arguments)])
+        with pytest.raises(SystemExit) as left:
+            main()
+    return int(left.value.code or 0), out.getvalue(), err.getvalue()
+
+
+def refused(*arguments: object) -> str:
+    """The one line with which the command says that it cannot be run so."""
+    status, _, line = ended(*arguments)
+    assert (status, line.count("\n")) == (2, 1)
+    return line
 
 
 def shards(folder: Path) -> dict[str, bytes]:

@@ -20,8 +20,6 @@ from shared.signal.windows import hann
 
 LIGHT_MPS = 299_792_458.0
 
-FINER = 64
-"""Cells in a range bin where very many echoes are summed."""
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -80,66 +78,6 @@ def delays(paths: PathTable, tx: Real, rx: Real, time_s: float) -> Real:
     return np.concatenate(
         [scattered_delays(paths.scattered, tx, rx, time_s), specular_delays(paths.specular, tx, rx, time_s)]
     )
-
-
-def plane_delays(paths: PathTable, tx: Real, rx: Real) -> Real:
-    """[K] the same at time 0 where waves are plane over both arrays [s]: |p - x| is |p| - p x / |p|.
-
-    A mirror has |s| - s (x_j - H (x_i - x_0)) / |s|.
-    """
-
-    def leg(point: Real, element: Real) -> Real:
-        distance = np.linalg.norm(point, axis=1)
-        return distance - np.sum(point * element, axis=1) / distance
-
-    scattered, specular = paths.scattered, paths.specular
-    length = leg(scattered.tx_point, tx) + scattered.between_m + leg(scattered.rx_point, rx)
-    mirrored = leg(specular.image, rx - specular.axes @ tx)
-    return np.concatenate([length, mirrored]) / LIGHT_MPS
-
-
-def summed(echoes: Complex, bins: Real, samples: int) -> Complex:
-    """[samples] sum over all echoes of A exp(j 2 pi x nu), nu the place in the sweep, 0 in its middle.
-
-    Each is shared by the two nearest cells of a range grid FINER times finer than the bins, which leaves out at most
-    (pi / FINER)^2 / 8 = 3e-4 of it, at the sweep's ends.
-    """
-    cell, grid = np.floor(FINER * bins).astype(np.int64), np.zeros(FINER * samples, dtype=np.complex128)
-    share = FINER * bins - cell
-    np.add.at(grid, cell % len(grid), (1.0 - share) * echoes)
-    np.add.at(grid, (cell + 1) % len(grid), share * echoes)
-    return np.fft.ifft(grid, norm="forward")[np.arange(samples) - samples // 2]
-
-
-def cube_with_frozen_ranges(paths: PathTable, radar: Radar) -> Complex:
-    """[chirps, samples, channels] with motion within the chirp, every echo kept at its range of mid-frame.
-
-    A chirp has the phase of the scene at mid-sweep; the range is that of f_0 / mu later, f_0 the frequency there.
-    """
-    array, waveform = radar.array, radar.waveform
-    middle_hz, half_s = waveform.carrier_hz + 0.5 * waveform.bandwidth_hz, 0.5 * waveform.chirp_duration_s
-    later_s = waveform.mid_frame_s + half_s + middle_hz * waveform.chirp_duration_s / waveform.bandwidth_hz
-    amplitude = np.concatenate([paths.scattered.amplitude, paths.specular.amplitude])
-    cube = np.zeros((waveform.chirps, waveform.samples, array.channels), dtype=np.complex128)
-    for channel, (tx, rx) in enumerate(zip(array.tx[array.channel_tx], array.rx[array.channel_rx], strict=True)):
-        bins = waveform.bandwidth_hz * delays(paths, tx, rx, later_s)
-        for chirp in range(waveform.chirps):
-            cycles = middle_hz * delays(paths, tx, rx, chirp * waveform.chirp_interval_s + half_s)
-            cube[chirp, :, channel] = summed(amplitude * np.exp(2j * np.pi * (cycles % 1.0)), bins, waveform.samples)
-    return cube
-
-
-def cube_with_plane_waves(paths: PathTable, radar: Radar) -> Complex:
-    """[chirps, samples, channels] of paths that stand still, waves plane over both arrays."""
-    array, waveform = radar.array, radar.waveform
-    middle_hz = waveform.carrier_hz + 0.5 * waveform.bandwidth_hz
-    amplitude = np.concatenate([paths.scattered.amplitude, paths.specular.amplitude])
-    chirp = np.zeros((waveform.samples, array.channels), dtype=np.complex128)
-    for channel, (tx, rx) in enumerate(zip(array.tx[array.channel_tx], array.rx[array.channel_rx], strict=True)):
-        tau = plane_delays(paths, tx, rx)
-        echoes = amplitude * np.exp(2j * np.pi * (middle_hz * tau % 1.0))
-        chirp[:, channel] = summed(echoes, waveform.bandwidth_hz * tau, waveform.samples)
-    return np.repeat(chirp[None], waveform.chirps, axis=0)
 
 
 def if_chirp(paths: PathTable, radar: Radar, array: AntennaArray, channel: tuple[int, int], chirp: int) -> Complex:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
+from factory_command import ended, refused, run, shards
 from prepared_scenes import EFFECT_SCENES as EFFECTS
+from small_radar import write_small_radar
 
-from datafactory.cli import app as command_line
 from datafactory.effects.catalogue import NAMES
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -17,23 +17,16 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 EXPECTED = json.loads((Path(__file__).parent / "expected.json").read_text(encoding="utf-8"))["scenes"]
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
-    """Exit status of ``datafactory`` with these arguments, through its entry point."""
-    monkeypatch.setattr(sys, "argv", ["datafactory", *(str(argument) for argument in arguments)])
-    with pytest.raises(SystemExit) as left:
-        command_line.main()
-    return int(left.value.code or 0)
-
-
 @pytest.fixture
 def scene_arguments() -> list[object]:
     return ["--scene", EFFECTS / "parked_car.usda", "--poses", EFFECTS / "parked_car.poses.json"]
 
 
-def test_plan_prints_json_and_nothing_else(scene_arguments, monkeypatch, capsys, tmp_path: Path) -> None:
+def test_plan_prints_json_and_nothing_else(scene_arguments, tmp_path: Path) -> None:
     out = tmp_path / "plan"
-    assert run(monkeypatch, "plan", *scene_arguments, "--json", "--no-times", "--out", out) == 0
-    printed = json.loads(capsys.readouterr().out)
+    status, said, _ = ended("plan", *scene_arguments, "--json", "--no-times", "--out", out)
+    assert status == 0
+    printed = json.loads(said)
     assert printed["scene"] == "parked_car"
     assert [item["effect"] for item in printed["effects"]] == list(NAMES)
     assert all(
@@ -45,69 +38,21 @@ def test_plan_prints_json_and_nothing_else(scene_arguments, monkeypatch, capsys,
     assert (out / "plan.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_plan_prints_a_table(scene_arguments, monkeypatch, capsys) -> None:
-    assert run(monkeypatch, "plan", *scene_arguments, "--no-times", "--error-budget", -5) == 0
-    rows = [line.split("│")[1:3] for line in capsys.readouterr().out.splitlines() if line.count("│") > 5]
+def test_plan_prints_a_table(scene_arguments) -> None:
+    printed = run("plan", *scene_arguments, "--no-times", "--error-budget", -5)
+    rows = [line.split("│")[1:3] for line in printed.splitlines() if line.count("│") > 5]
     shown = {effect.strip(): state.strip() for effect, state in rows if effect.strip()}
     assert list(shown) == list(NAMES)
     # At -5 dB the edges' echoes, 10 dB below the rough rear, still stand above the noise.
     assert [name for name, state in shown.items() if state == "on"] == EXPECTED["parked_car"]["effects"]
 
 
-PATTERN_WITH_A_HOLE = "azimuth_deg,elevation_deg,gain_dbi\n-180,-90,0\n-180,90,0\n180,-90,0\n"
-TABLE_RADAR = '[front_end]\ntx_pattern = { kind = "table", file = "pattern.csv" }\n'
-
-
-@pytest.mark.parametrize(
-    ("files", "more", "names"),
-    [
-        ({}, ["--effects", "nonsense"], ["--effects", "nonsense", "multi_bounce"]),
-        ({}, ["--effects", ""], ["--effects", "auto"]),
-        ({}, ["--effects", "diffuse;noise"], ["--effects", "diffuse;noise"]),
-        ({"wrong.toml": "[glass"}, ["--materials", "wrong.toml"], ["wrong.toml"]),
-        (
-            {"wrong.toml": "[material.metal]\nscattering_coefficient = 1.7\n"},
-            ["--materials", "wrong.toml"],
-            ["wrong.toml", "scattering_coefficient", "1.7"],
-        ),
-        (
-            {"pattern.csv": PATTERN_WITH_A_HOLE, "radar.toml": TABLE_RADAR},
-            ["--radar", "radar.toml"],
-            ["pattern.csv"],
-        ),
-    ],
-)
-def test_bad_input_is_one_line_and_exit_2(
-    files, more, names, scene_arguments, monkeypatch, capsys, tmp_path: Path
-) -> None:
-    for name, text in files.items():
-        (tmp_path / name).write_text(text, encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    assert run(monkeypatch, "render", *scene_arguments, *more, "--out", tmp_path / "out") == 2
-    said = capsys.readouterr()
-    assert said.err.count("\n") == 1
-    for name in names:
-        assert name in said.err
-    assert not (tmp_path / "out").exists()
-
-
-SMALL_RADAR = """
-[waveform]
-chirps = 8
-samples = 512
-range_bins = 400
-[grid]
-bins = 60
-"""
-
-
 @pytest.fixture
 def small(scene_arguments, tmp_path: Path) -> list[object]:
     """One frame of the parked car on a small radar."""
-    (tmp_path / "small.toml").write_text(SMALL_RADAR, encoding="utf-8")
     pose = json.loads((EFFECTS / "parked_car.poses.json").read_text(encoding="utf-8"))[:1]
     (tmp_path / "pose.json").write_text(json.dumps(pose), encoding="utf-8")
-    return [*scene_arguments[:2], "--poses", tmp_path / "pose.json", "--radar", tmp_path / "small.toml",
+    return [*scene_arguments[:2], "--poses", tmp_path / "pose.json", "--radar", write_small_radar(tmp_path),
             "--rays", 20_000, "--workers", 1]  # fmt: skip
 
 
@@ -120,43 +65,32 @@ def made_with(folder: Path) -> list[str]:
     return [effect for effect in NAMES if counts[f"frames_with_{effect}"]]
 
 
-def test_effects_asked_for_are_rendered_and_recorded(small, monkeypatch, capsys, tmp_path: Path) -> None:
+def test_effects_asked_for_are_rendered_and_recorded(small, tmp_path: Path) -> None:
     out = tmp_path / "data"
-    assert run(monkeypatch, "render", *small, "--effects", "specular,diffuse,noise", "--out", out) == 0
+    run("render", *small, "--effects", "specular,diffuse,noise", "--out", out)
     assert made_with(out) == ["diffuse", "near_field", "noise"]  # the car has no mirror
     assert manifest(out)["arguments"]["effects"] == ["specular", "diffuse", "noise"]
     assert manifest(out)["arguments"]["budget_db"] is None
     assert {"trace", "cube", "truth", "image"} <= set(manifest(out)["made"]["step_seconds"])
 
 
-def test_effects_that_are_no_choice_are_told_so(small, monkeypatch, capsys, tmp_path: Path) -> None:
-    assert run(monkeypatch, "render", *small, "--effects", "diffuse,near_field,noise", "--out", tmp_path / "data") == 0
-    assert "near_field made no difference" in " ".join(capsys.readouterr().out.split())
-    assert run(monkeypatch, "render", *small, "--effects", "diffuse,noise", "--out", tmp_path / "other") == 0
-    assert "made no difference" not in capsys.readouterr().out
-    shards = [path.read_bytes() for path in sorted(tmp_path.glob("*/train/*.parquet"))]
-    assert len(shards) == 2
-    assert shards[0] == shards[1]
+def test_effects_that_are_no_choice_are_told_so(small, tmp_path: Path) -> None:
+    said = run("render", *small, "--effects", "diffuse,near_field,noise", "--out", tmp_path / "data")
+    assert "near_field made no difference" in " ".join(said.split())
+    assert "made no difference" not in run("render", *small, "--effects", "diffuse,noise", "--out", tmp_path / "other")
+    assert shards(tmp_path / "data") == shards(tmp_path / "other") != {}
 
 
-def test_traced_paths_cannot_get_other_paths_afterwards(small, monkeypatch, capsys, tmp_path: Path) -> None:
+def test_traced_paths_cannot_get_other_paths_afterwards(small, tmp_path: Path) -> None:
     """What works on the signal may be asked for anew; what decides which paths there are may not."""
     traced, silent = tmp_path / "traced", tmp_path / "silent"
     radar = small[small.index("--radar") : small.index("--radar") + 2]
-    assert run(monkeypatch, "trace", *small, "--effects", "diffuse,noise", "--out", traced) == 0
+    run("trace", *small, "--effects", "diffuse,noise", "--out", traced)
     from_paths = ["render", "--paths", traced, *radar, "--workers", 1]
-    capsys.readouterr()
-    assert run(monkeypatch, *from_paths, "--effects", "all", "--out", tmp_path / "other") == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert "traced without specular" in said
-    assert run(monkeypatch, *from_paths, "--effects", "diffuse", "--out", silent) == 0
+    assert "traced without specular" in refused(*from_paths, "--effects", "all", "--out", tmp_path / "other")
+    run(*from_paths, "--effects", "diffuse", "--out", silent)
     assert made_with(silent) == ["diffuse", "near_field"]
     document = manifest(traced)
     del document["arguments"]["effects"], document["sha256"]
     (traced / "manifest.json").write_text(json.dumps(document), encoding="utf-8")
-    capsys.readouterr()
-    assert run(monkeypatch, *from_paths, "--out", tmp_path / "old") == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert "effects" in said
+    assert "effects" in refused(*from_paths, "--out", tmp_path / "old")

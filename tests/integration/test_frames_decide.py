@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from factory_command import run, shards
+from factory_command import run
 from prepared_scenes import EFFECT_SCENES
 
 from datafactory.defaults import DEFAULT_BUDGET_DB
@@ -32,17 +32,21 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("frames")
 
 
-def made(folder: Path, command: str, out: str, poses: list[dict], *more: object) -> Path:
+def made(folder: Path, out: str, poses: list[dict], *more: object) -> Path:
     """A run of these poses in ``folder``."""
     (folder / "radar.toml").write_text(RADAR, encoding="utf-8")
     (folder / f"{out}.json").write_text(json.dumps(poses), encoding="utf-8")
-    run(command, "--scene", SCENE, "--poses", folder / f"{out}.json", "--radar", folder / "radar.toml",
+    run("render", "--scene", SCENE, "--poses", folder / f"{out}.json", "--radar", folder / "radar.toml",
         "--rays", 20_000, "--split", "1:0:0", "--out", folder / out, *more)  # fmt: skip
     return folder / out
 
 
+def manifest(out: Path) -> dict:
+    return json.loads((out / "manifest.json").read_text(encoding="utf-8"))
+
+
 def counts(out: Path) -> dict[str, int]:
-    return json.loads((out / "manifest.json").read_text(encoding="utf-8"))["counts"]
+    return manifest(out)["counts"]
 
 
 def frames(out: Path) -> list[Frame]:
@@ -58,11 +62,13 @@ def standing_but_one() -> list[dict]:
 
 @pytest.fixture(scope="module")
 def driving(folder: Path) -> Path:
-    return made(folder, "render", "driving", standing_but_one(), "--workers", 1, "--no-noise")
+    return made(folder, "driving", standing_but_one(), "--workers", 1, "--no-noise")
 
 
 def test_one_moving_frame_of_twenty_has_doppler_and_the_others_have_none(driving: Path) -> None:
     found = counts(driving)
+    arguments = manifest(driving)["arguments"]
+    assert (arguments["effects"], arguments["budget_db"]) == ("auto", DEFAULT_BUDGET_DB)
     assert found["frames"] == FRAMES
     assert found["frames_with_doppler"] == 1
     assert found["frames_with_diffraction"] == found["frames_with_diffuse"] == FRAMES
@@ -77,28 +83,11 @@ def test_one_moving_frame_of_twenty_has_doppler_and_the_others_have_none(driving
     assert velocity[:ODD] + velocity[ODD + 1 :] == [0.0] * (FRAMES - 1)
 
 
-@pytest.mark.slow
-def test_workers_do_not_change_what_frames_decide(driving: Path, folder: Path) -> None:
-    other = made(folder, "render", "workers", standing_but_one(), "--workers", 2, "--no-noise")
-    assert shards(other) == shards(driving)
-    assert counts(other) == counts(driving)
-
-
-def test_traced_now_and_decided_later_is_decided_at_once(driving: Path, folder: Path) -> None:
-    traced = made(folder, "trace", "traced", standing_but_one(), "--workers", 1)
-    run("render", "--paths", traced, "--radar", folder / "radar.toml", "--split", "1:0:0", "--workers", 1,
-        "--no-noise", "--out", folder / "later")  # fmt: skip
-    assert shards(folder / "later") == shards(driving)
-    of_frames, later = ({name: value for name, value in counts(out).items() if name.startswith("frames")}
-                        for out in (driving, folder / "later"))  # fmt: skip
-    assert later == of_frames  # what was looked for is another matter: of stored paths, all that there is
-
-
 def test_a_frame_decides_alone(driving: Path, folder: Path) -> None:
     """The moving frame in a run in which all others move too, and faster, is the same frame."""
     poses = [{**pose, "velocity": [11.0, 0.0, 0.0]} for pose in standing_but_one()]
     poses[ODD] = standing_but_one()[ODD]
-    others = made(folder, "render", "others", poses, "--workers", 1, "--no-noise")
+    others = made(folder, "others", poses, "--workers", 1, "--no-noise")
     other, ours = frames(others)[ODD], frames(driving)[ODD]
     np.testing.assert_array_equal(other.range_channel, ours.range_channel)
     np.testing.assert_array_equal(other.image, ours.image)
@@ -108,38 +97,10 @@ def test_frames_that_look_away_leave_out_what_they_do_not_see(folder: Path) -> N
     """Nineteen frames look away from the car, with only its edges behind them: no pose speaks for another."""
     poses = [{"position": [0.0, 0.0, 0.5], "yaw_deg": 180.0} for _ in range(FRAMES)]
     poses[ODD] = {"position": [0.0, 0.0, 0.5]}
-    out = made(folder, "render", "away", poses, "--workers", 1)
+    out = made(folder, "away", poses, "--workers", 1)
     found = counts(out)
     assert found["frames_with_diffuse"] == 1
     assert found["frames_with_diffraction"] == FRAMES  # where there is no first hit nothing may be left out
     assert found["frames_with_refraction"] == 0  # there is no pane
     levels = [frame.image_peak for frame in frames(out)]
     assert levels[ODD] > max(levels[:ODD] + levels[ODD + 1 :])
-
-
-PANE = """def Mesh "pane" {
-    custom token radar:material = "glass"
-    point3f[] points = [(20, -1, 0), (20, 1, 0), (20, 1, 2), (20, -1, 2)]
-    int[] faceVertexCounts = [4]
-    int[] faceVertexIndices = [0, 1, 2, 3]
-}
-def Mesh "wall" {
-    custom token radar:material = "concrete"
-    point3f[] points = [(30, -20, 0), (30, 20, 0), (30, 20, 4), (30, -20, 4)]
-    int[] faceVertexCounts = [4]
-    int[] faceVertexIndices = [0, 1, 2, 3]
-}
-"""
-
-
-def test_two_of_eight_poses_see_through_the_one_pane(folder: Path) -> None:
-    scene = folder / "pane.usda"
-    scene.write_text('#usda 1.0\n(\n metersPerUnit = 1\n upAxis = "Z"\n)\n' + PANE, encoding="utf-8")
-    yaws = (180.0, 150.0, 3.0, 210.0, 135.0, -2.0, 225.0, 165.0)
-    poses = [{"position": [0.0, 0.0, 1.0], "yaw_deg": yaw} for yaw in yaws]
-    (folder / "pane.json").write_text(json.dumps(poses), encoding="utf-8")
-    run("render", "--scene", scene, "--poses", folder / "pane.json", "--rays", 20_000, "--split", "1:0:0",
-        "--workers", 1, "--out", folder / "pane")  # fmt: skip
-    assert counts(folder / "pane")["frames_with_refraction"] == 2
-    arguments = json.loads((folder / "pane" / "manifest.json").read_text(encoding="utf-8"))["arguments"]
-    assert (arguments["effects"], arguments["budget_db"]) == ("auto", DEFAULT_BUDGET_DB)

@@ -19,21 +19,12 @@ import pytest
 import ray_work
 from factory_command import shards
 from ray_cluster import add_node, kill_node, ray_cluster
+from small_radar import write_small_radar
 
 from datafactory import RunFailed, render
 from datafactory.run import pipeline
 from shared.physics.errors import InputError
 
-ROOT = Path(__file__).resolve().parents[2]
-RADAR = """
-[waveform]
-chirps = 4
-samples = 64
-range_bins = 40
-bandwidth_hz = 400e6
-[grid]
-bins = 16
-"""
 FRAMES = 40
 DEADLY = "test/part-00000.parquet"
 """Has the frame that :class:`ray_work.DeadlyJob` dies of."""
@@ -47,9 +38,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def radar(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("radar") / "small.toml"
-    path.write_text(RADAR, encoding="utf-8")
-    return path
+    return write_small_radar(tmp_path_factory.mktemp("radar"))
 
 
 @pytest.fixture(scope="module")
@@ -153,15 +142,6 @@ def test_nothing_outlives_a_command_that_is_killed(
     assert not (out / "manifest.json").exists()
     made(out, radar, engine="ray", address=cluster.address, workers=1, resume=True)
     assert shards(out) == reference
-
-
-def test_scene_frames_are_those_of_this_machine(cluster: Any, radar: Path, tmp_path: Path) -> None:
-    for engine, more in (("local", {}), ("ray", {"address": cluster.address})):
-        render(
-            str(ROOT / "scenes" / "tiny.usda"), tmp_path / engine, radar=radar, frames=1, split="1:0:0", rays=500,
-            effects="specular,diffuse,noise", engine=engine, **more,
-        )  # fmt: skip
-    assert shards(tmp_path / "ray") == shards(tmp_path / "local")
 
 
 def test_a_ray_of_the_runs_own_is_lost(radar: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

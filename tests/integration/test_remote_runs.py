@@ -5,21 +5,18 @@ The store is moto's S3 server; the credentials stand in the environment.
 
 from __future__ import annotations
 
-import io
 import json
 import signal
 import subprocess
 import sys
 import time
-from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from factory_command import ended
 from s3_server import KEY, SECRET, Server, s3_server, set_credentials
 from small_radar import write_small_radar
-
-from datafactory.cli.app import main
 
 SCENES = Path(__file__).parents[2] / "scenes"
 POINTS = ("points", "--frames", 30, "--seed", 3, "--workers", 1)
@@ -65,14 +62,9 @@ class Ended:
 
 def command(*arguments: object) -> Ended:
     """A command as the shell runs it, in this process; nothing it says shows the secret."""
-    out, err = io.StringIO(), io.StringIO()
-    line = ["datafactory", *map(str, arguments)]
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
-        patch.setattr(sys, "argv", line)
-        with pytest.raises(SystemExit) as ended:
-            main()
-    assert SECRET not in out.getvalue() + err.getvalue()
-    return Ended(int(ended.value.code or 0), out.getvalue(), err.getvalue())
+    done = Ended(*ended(*arguments))
+    assert SECRET not in done.out + done.err
+    return done
 
 
 def but_made(files: dict[str, bytes]) -> dict[str, bytes]:

@@ -1,17 +1,24 @@
-"""Frames under settings of the knobs are the run's own; what they are held against is exact, or without its scatter."""
+"""Frames under settings of the knobs are the run's own, what they are held against is exact or without its scatter.
+
+An error budget is settled by them once, kept, and checked on the run.
+"""
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from oracles import doppler_filtered, if_cube, peak_error_db, relative_error
 from path_tables import a_table
-from sampled_frames import EFFECTS, POSE, order_of_two, samples_of
+from sampled_frames import EFFECTS, MENU, POSE, TINY, order_of_two, samples_of
 
-from datafactory.accuracy.knobs import DEFAULT, Effort
-from datafactory.accuracy.looking import made, reference_moments, reference_of
+from datafactory.accuracy import budget
+from datafactory.accuracy.budget import HONEST_DB, check
+from datafactory.accuracy.knobs import DEFAULT, Effort, Menu
+from datafactory.accuracy.looking import made, reference_moments
 from datafactory.accuracy.power import (
     Errors,
     Realisations,
@@ -29,9 +36,11 @@ from datafactory.frame.chain import ChainSettings
 from datafactory.frame.measurement import Processing
 from datafactory.paths.density import cell_power
 from datafactory.paths.solver import TraceSettings
-from datafactory.run.pipeline import Execution, render
+from datafactory.run.order import Order
+from datafactory.run.pipeline import Execution, render, trace_paths
 from datafactory.scenes.materials.table import load_materials
 from shared.dataset.folder import open_dataset
+from shared.physics.errors import InputError
 from shared.signal.imaging import sweep_moments
 
 
@@ -64,21 +73,6 @@ def test_reference_moments_are_those_of_the_whole_virtual_cube(radar, generator)
         rows = np.flatnonzero(cells == cell)
         expected = sweep_moments(doppler_filtered(cube, radar, int(cell)), radar, 4)[:, rows]
         assert peak_error_db(moments[:, rows][:, :, some], expected) < -100.0
-
-
-def test_more_truth_terms_follow_the_range_walk(variant, radar) -> None:
-    """From a radar at rest, where the Doppler filter adds no error of its own."""
-    (still,) = samples_of(replace(order_of_two(radar), poses=(replace(POSE, velocity=(0.0, 0.0, 0.0)),)))
-    knobs = replace(DEFAULT, rays=2000).converged()
-    frames = [still.traced(knobs)]
-    reference = reference_of(frames, still.settings(knobs), radar)
-    errors = []
-    for terms in (3, 4, 6):
-        outcome = made(frames, still.settings(replace(knobs, truth_terms=terms)), radar, rows=reference.cells)
-        errors.append(level_db(peak_error(outcome.images[0], reference.images[0])))
-    assert errors[0] > errors[1] + 5.0
-    assert errors[1] > errors[2] + 5.0
-    assert errors[2] < -70.0
 
 
 def test_cell_power_keeps_the_power_of_every_path_in_range(samples, radar) -> None:
@@ -169,3 +163,59 @@ def test_draws_are_independent_and_repeatable(samples) -> None:
 def test_few_rays_have_more_realisations() -> None:
     effort = Effort(800_000)
     assert [effort.count(rays) for rays in (800_000, 100_000, 50_000, 1)] == [4, 8, 16, 16]
+
+
+def settled(order: Order, level_db: float, menu: Menu, said: list[str], folder: Path) -> budget.Budget:
+    return budget.settle(
+        order, load_materials(None), level_db, menu, said.append, lambda done, total, label: None, folder
+    )
+
+
+def entry_of(folder: Path) -> dict:
+    return json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["error_budget"]
+
+
+def test_a_budget_on_two_scenes_is_settled_once_kept_and_checked(variant, radar, tmp_path, monkeypatch) -> None:
+    """From frame 8 on the scenes' turn is another: frames that are measured and checked must be the run's."""
+    for name in ("one", "two"):
+        (tmp_path / f"{name}.usda").write_text(TINY.read_text(encoding="utf-8"), encoding="utf-8")
+    scenes = tuple(str(tmp_path / f"{name}.usda") for name in ("one", "two"))
+    order, said = Order(radar=radar, scenes=scenes, frames=16, effects=EFFECTS, seed=1), list[str]()
+    found = settled(order, -15.0, MENU, said, tmp_path / "cache")
+    assert [[sample.frame_id for sample in scene.swept] for scene in found.scenes] == [[0, 9], [1, 8]]
+    assert sum("measuring" in line for line in said) == 2
+    with monkeypatch.context() as patch:
+        patch.setattr(budget, "measure_prices", lambda *arguments: pytest.fail("measured again"))
+        assert settled(order, -15.0, MENU, said, tmp_path / "cache").choice == found.choice
+        assert settled(order, -60.0, MENU, said, tmp_path / "cache").choice.work >= found.choice.work
+    assert found.choice.settings.on(order.settings) == found.order.settings
+
+    render(found.order, load_materials(None), Execution(tmp_path / "data"))
+    check(found, tmp_path / "data", said.append)
+    entry = entry_of(tmp_path / "data")
+    assert entry["budget_db"] == -15.0
+    assert entry["predicted"] == found.choice.predicted.model_dump()
+    assert entry["settings"] == vars(found.choice.settings)
+    # The rays are drawn anew for the check, and all settings act at once.
+    for error in ("cube_db", "image_db", "power_db"):
+        assert abs(entry["achieved"][error] - entry["predicted"][error]) <= HONEST_DB
+    assert max(entry["achieved_on_other_frames"].values()) < 0.0
+    assert "seconds" not in json.dumps(entry)
+
+
+def test_a_budget_of_traced_paths_bounds_the_power_in_cells_alone(variant, radar, tmp_path) -> None:
+    order, said = replace(order_of_two(radar), poses=(POSE,)), list[str]()
+    found = settled(order, -15.0, MENU.of_paths(), said, tmp_path / "cache")
+    assert found.order.settings.trace.rays in MENU.rays
+    trace_paths(found.order, load_materials(None), Execution(tmp_path / "paths"))
+    check(found, tmp_path / "paths", said.append)
+    entry = entry_of(tmp_path / "paths")
+    assert set(entry["predicted"]) == set(entry["achieved"]) == {"power_db"}
+    assert set(entry["settings"]) == {"rays", "depth"}
+    assert entry["work_per_frame"] > 0.0
+    assert abs(entry["achieved"]["power_db"] - entry["predicted"]["power_db"]) <= HONEST_DB
+
+
+def test_a_budget_needs_scenes(radar) -> None:
+    with pytest.raises(InputError, match="--error-budget"):
+        budget.settle(Order(radar=radar, points=3), load_materials(None), -30.0, MENU, print, lambda *a: None)

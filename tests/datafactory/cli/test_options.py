@@ -10,9 +10,8 @@ from typer.testing import CliRunner
 
 from datafactory.api.declared import HEADINGS, Option, Options, common, declared, taking
 from datafactory.api.making import render
-from datafactory.api.options import OrderOptions, PointsOptions, RenderOptions, TraceOptions
+from datafactory.api.options import OrderOptions, RenderOptions, TraceOptions
 from datafactory.cli.app import app
-from datafactory.cli.making import next_step
 from datafactory.cli.options import asking
 from shared.physics.errors import InputError
 
@@ -105,22 +104,3 @@ def test_help_begins_with_what_a_newcomer_needs() -> None:
 def test_every_option_of_the_command_is_one_of_the_function() -> None:
     taken = set(inspect.signature(render).parameters)
     assert {item.name for item in declared(RenderOptions)} == taken
-
-
-@pytest.mark.parametrize(
-    ("out", "shard", "expected"),
-    [
-        ("build/data", None, "look:  somewhere"),
-        ("build/jobs", "0/4", "next:  datafactory merge build/jobs --out ANOTHER_FOLDER, once all jobs are done"),
-        # Jobs are merged where they are files.
-        (
-            "s3://bucket/jobs",
-            "0/4",
-            "next:  once all jobs are done, copy s3://bucket/jobs to a local FOLDER; "
-            "datafactory merge FOLDER --out DIR",
-        ),
-    ],
-)
-def test_of_a_job_the_merge_comes_next(out: str, shard: str | None, expected: str, capsys) -> None:
-    next_step(PointsOptions(out, shard=shard), "look:  somewhere")
-    assert capsys.readouterr().out == f"{expected}\n"

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 from boxed_frames import RADAR, box, frame, write
+from factory_command import run
 from matplotlib.image import imread
-from typer.testing import CliRunner
 
 from datafactory import InputError, convert
-from datafactory.cli.app import app
+from datafactory.conversion.formats import Converted
 
 pytest.importorskip("foxglove", reason="the package foxglove-sdk is not installed")
 reader = pytest.importorskip("mcap.reader", reason="the package mcap is not installed")
@@ -32,9 +32,12 @@ TOPICS = {
 }
 
 
-def messages(path: Path) -> dict[str, list[tuple[int, Any]]]:
+Messages = dict[str, list[tuple[int, Any]]]
+
+
+def messages(path: Path) -> Messages:
     """(time [ns], message) by topic, in the order of the file; the schema of each topic checked."""
-    found: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in TOPICS}
+    found: Messages = {topic: [] for topic in TOPICS}
     with path.open("rb") as handle:
         for item in reader.make_reader(handle, decoder_factories=[decoder.DecoderFactory()]).iter_decoded_messages():
             assert item.schema.name == TOPICS[item.channel.topic]
@@ -42,18 +45,28 @@ def messages(path: Path) -> dict[str, list[tuple[int, Any]]]:
     return found
 
 
-@pytest.fixture
-def source(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     boxes = [box(10.0, 4.0, "pedestrian", speed=-2.0), box(18.0, -6.0, "car", yaw=0.5), box(30.0, 2.0, "bicycle")]
     frames = [frame(0, boxes, "range-channel"), frame(1, boxes[:1], "range-channel"), frame(2, [], "range-channel")]
-    return write(tmp_path / "data", frames, ["train", "train", "test"], "range-channel")
+    return write(tmp_path_factory.mktemp("mcap") / "data", frames, ["train", "train", "test"], "range-channel")
 
 
-def test_every_topic_holds_every_frame_at_rising_times(source: Path, tmp_path: Path) -> None:
-    converted = convert(source, tmp_path / "out", to="mcap")
+@pytest.fixture(scope="module")
+def converted(source: Path) -> Converted:
+    return convert(source, source.parent / "out", to="mcap")
+
+
+@pytest.fixture(scope="module")
+def train(converted: Converted) -> Messages:
+    """Messages of the two frames of training."""
+    return messages(converted.directory / "train.mcap")
+
+
+def test_every_topic_holds_every_frame_at_rising_times(converted: Converted, train: Messages) -> None:
     assert converted.frames == 3
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["test.mcap", "train.mcap"]
-    for rows in messages(tmp_path / "out" / "train.mcap").values():
+    assert sorted(path.name for path in converted.directory.iterdir()) == ["test.mcap", "train.mcap"]
+    for rows in train.values():
         assert [time for time, _ in rows] == [0, 1_000_000_000]  # frames of drawn poses are all at time 0
     assert "1 frames follow the one before after 1 s: no time rises to them" in converted.notes
 
@@ -68,20 +81,17 @@ def test_the_times_are_those_of_the_frames(tmp_path: Path) -> None:
     assert times == [2_000_000_000, 2_500_000_000, 3_500_000_000, 4_000_000_000, 5_000_000_000]
 
 
-def test_the_radar_stands_where_the_frame_says(source: Path, tmp_path: Path) -> None:
-    convert(source, tmp_path / "out", to="mcap")
-    (_, first), (_, second) = messages(tmp_path / "out" / "train.mcap")["/tf"]
+def test_the_radar_stands_where_the_frame_says(train: Messages) -> None:
+    (_, first), (_, second) = train["/tf"]
     assert (first.parent_frame_id, first.child_frame_id) == ("world", "radar")
     where, turn = second.translation, second.rotation
     assert (where.x, where.y, where.z) == (10.0, 1.0, 0.5)
     assert (turn.w, turn.x, turn.y, turn.z) == (0.0, 0.0, 0.0, 1.0)  # half a turn, from w first to w last
 
 
-def test_images_have_far_up_and_left_on_the_left(source: Path, tmp_path: Path) -> None:
+def test_images_have_far_up_and_left_on_the_left(train: Messages) -> None:
     """The truth's one bright cell, row 20 of 80 and column 10 of 40; the input's echo at the pedestrian."""
-    convert(source, tmp_path / "out", to="mcap")
-    found = messages(tmp_path / "out" / "train.mcap")
-    truth, measured = (imread(io.BytesIO(found[topic][1][1].data)) for topic in ("/truth", "/input"))
+    truth, measured = (imread(io.BytesIO(train[topic][1][1].data)) for topic in ("/truth", "/input"))
     assert truth.shape == measured.shape == (80, 40, 4)
     bright = truth[..., 0]  # the red of the colour map is largest at its top
     assert np.unravel_index(bright.argmax(), bright.shape) == (79 - 20, 39 - 10)
@@ -91,9 +101,8 @@ def test_images_have_far_up_and_left_on_the_left(source: Path, tmp_path: Path) -
     assert RADAR.grid.u[39 - column] == pytest.approx(4.0 / range_m, abs=2 * RADAR.grid.step)
 
 
-def test_points_are_the_targets(source: Path, tmp_path: Path) -> None:
-    convert(source, tmp_path / "out", to="mcap")
-    (_, cloud), _ = messages(tmp_path / "out" / "train.mcap")["/targets"]
+def test_points_are_the_targets(train: Messages) -> None:
+    (_, cloud), _ = train["/targets"]
     names = [field.name for field in cloud.fields]
     assert names == ["x", "y", "z", "velocity", "amplitude_db"]
     values = np.frombuffer(cloud.data, np.float32).reshape(-1, cloud.point_stride // 4)
@@ -104,9 +113,8 @@ def test_points_are_the_targets(source: Path, tmp_path: Path) -> None:
         assert tuple(row[2:]) == pytest.approx((0.0, target.velocity_mps, target.amplitude_db), rel=1e-6)
 
 
-def test_boxes_replace_those_of_the_frame_before(source: Path, tmp_path: Path) -> None:
-    convert(source, tmp_path / "out", to="mcap")
-    (_, first), (_, second) = messages(tmp_path / "out" / "train.mcap")["/boxes"]
+def test_boxes_replace_those_of_the_frame_before(train: Messages) -> None:
+    (_, first), (_, second) = train["/boxes"]
     assert [entity.id for entity in first.entities] == ["/pedestrian at 10", "/car at 18", "/bicycle at 30"]
     assert [entity.id for entity in second.entities] == ["/pedestrian at 10"]
     assert [item.type for item in second.deletions] == [1]  # ALL
@@ -120,12 +128,10 @@ def test_boxes_replace_those_of_the_frame_before(source: Path, tmp_path: Path) -
     assert 2.0 * np.arctan2(cube.pose.orientation.z, cube.pose.orientation.w) == pytest.approx(0.5)
 
 
-def test_equal_datasets_give_equal_files(source: Path, tmp_path: Path) -> None:
-    contents = []
-    for name in ("one", "other"):
-        convert(source, tmp_path / name, to="mcap")
-        contents.append({path.name: path.read_bytes() for path in (tmp_path / name).iterdir()})
-    assert contents[0] == contents[1]
+def test_equal_datasets_give_equal_files(source: Path, converted: Converted, tmp_path: Path) -> None:
+    again = convert(source, tmp_path / "again", to="mcap")
+    one, other = ({path.name: path.read_bytes() for path in made.directory.iterdir()} for made in (converted, again))
+    assert one == other
 
 
 def test_a_missing_package_is_one_line(source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -136,10 +142,10 @@ def test_a_missing_package_is_one_line(source: Path, tmp_path: Path, monkeypatch
 
 
 def test_the_command_says_what_it_wrote_and_writes_over_nothing(source: Path, tmp_path: Path) -> None:
-    command = ["convert", str(source), "--to", "mcap", "--out", str(tmp_path / "out")]
-    done = CliRunner().invoke(app, command, catch_exceptions=False)
-    assert (done.exit_code, "3 frames in" in done.output, "targets have no height" in done.output) == (0, True, True)
+    said = run("convert", source, "--to", "mcap", "--out", tmp_path / "out")
+    assert "3 frames in" in said
+    assert "targets have no height" in said
     with pytest.raises(InputError, match="is there already"):
-        CliRunner().invoke(app, command, catch_exceptions=False)
+        run("convert", source, "--to", "mcap", "--out", tmp_path / "out")
     with pytest.raises(InputError, match="--to: 'mpac'; expected one of mcap"):
-        CliRunner().invoke(app, [*command[:3], "mpac", "--out", "new"], catch_exceptions=False)
+        run("convert", source, "--to", "mpac", "--out", tmp_path / "new")

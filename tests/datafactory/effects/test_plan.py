@@ -1,27 +1,32 @@
-"""What frames decide, said aloud, and the plan's contract."""
+"""Effects by name and what switching one off means; what frames decide, said aloud, and the plan's contract."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from prepared_scenes import EFFECT_SCENES, prepared_scene
 
 from datafactory.defaults import DEFAULT_BUDGET_DB
 from datafactory.effects import proof
-from datafactory.effects.catalogue import ALL, NAMES, NO_CHOICE, EffectSet
+from datafactory.effects.catalogue import ALL, DESCRIPTIONS, NAMES, NO_CHOICE, PATH_EFFECTS, EffectSet, parse_effects
 from datafactory.effects.losses import FLOOR_DB, Loss
-from datafactory.effects.picture import draw
 from datafactory.effects.plan import FramePlan, plan_of_frame, plan_of_scene
-from datafactory.frame.chain import ChainSettings
+from datafactory.frame.chain import ChainSettings, SceneSource, make_frames
 from datafactory.frame.deal import Deal, DealtFrame, PreparedScene
+from datafactory.frame.measurement import Processing
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.solver import TraceSettings
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose
-from shared.radar import Radar
+from shared.dataset import Frame
+from shared.physics.errors import InputError
+from shared.radar import FrontEnd, Radar
 
 
 def a_frame_plan(**change_db: float) -> FramePlan:
@@ -77,15 +82,6 @@ def test_a_plan_is_of_frames_with_a_budget() -> None:
         plan_of_frame(frame, scene, Radar(), ChainSettings(trace=TraceSettings(rays=100)))
 
 
-def test_the_picture_of_a_plan_is_a_png_of_its_figures(tmp_path: Path) -> None:
-    seconds = dict.fromkeys(NAMES, 0.1)
-    for name, level_db in (("one", -3.0), ("other", -60.0)):
-        draw(plan_of_scene("scene", [a_frame_plan(diffuse=level_db)], -30.0), seconds, tmp_path / f"{name}.png")
-    one, other = ((tmp_path / name).read_bytes() for name in ("one.png", "other.png"))
-    assert one.startswith(b"\x89PNG")
-    assert one != other
-
-
 def test_costs_are_differences_to_the_frame_of_every_effect(monkeypatch: pytest.MonkeyPatch) -> None:
     """By a clock of 1 s a frame and 0.5 s an effect; what the frame lacks and what is no choice costs nothing."""
     of_settings = {effects.settings(ChainSettings()): effects for effects in (*(ALL.without(n) for n in NAMES), ALL)}
@@ -104,12 +100,151 @@ def test_costs_are_differences_to_the_frame_of_every_effect(monkeypatch: pytest.
     assert set(NO_CHOICE) & {"near_field"}
 
 
-def test_effects_are_told_apart_by_their_settings() -> None:
-    assert EffectSet.of({"diffuse"}).settings(ChainSettings()) != ALL.settings(ChainSettings())
-
-
 def a_frame() -> tuple[DealtFrame, PreparedScene]:
     """Of an empty scene; nothing is traced."""
     materials = load_materials().map_materials([])
     scene = PreparedScene("empty", "none", MergedScene((), ()), materials)
     return DealtFrame(0, "scene", "train", 1, scene=0, pose=Pose((0.0, 0.0, 0.5))), scene
+
+
+pytestmark = pytest.mark.usefixtures("variant")
+
+SHEET = """def Mesh "sheet" {{
+    custom token radar:material = "metal"
+    point3f[] points = [({near}, -3, 0), ({far}, -3, 0), ({far}, 3, 0), ({near}, 3, 0)]
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+}}
+"""
+POST = """def Xform "post" {
+    custom double radar:rcs_dbsm = 5
+    double3 xformOp:translate = (30, 0, 0.7)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+"""
+WALKER = """def Xform "walker" {
+    custom string radar:target = "pedestrian"
+    custom float radar:stature_m = 1.75
+    custom double3 radar:velocity = (1.4, 0, 0)
+    double3 xformOp:translate = (6, 0, 0)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+"""
+POSE = Pose((0.0, 0.0, 0.5))
+
+
+def scene(tmp_path: Path, *prims: str) -> PreparedScene:
+    path = tmp_path / "scene.usda"
+    path.write_text('#usda 1.0\n(\n metersPerUnit = 1\n upAxis = "Z"\n)\n' + "".join(prims), encoding="utf-8")
+    return prepared_scene(path)
+
+
+def planned(prepared: PreparedScene) -> set[str]:
+    frame = Deal(seed=0, scenes=1, poses=(POSE,)).frame(0)
+    settings = replace(ALL.settings(ChainSettings()), budget_db=DEFAULT_BUDGET_DB)
+    return {name for name, on in plan_of_frame(frame, prepared, Radar(), settings).effects.items() if on}
+
+
+def test_a_bounce_is_planned_where_there_is_one(tmp_path: Path) -> None:
+    """The wave is reflected at 12.5 m: on the sheet that is there, beside the one that ends before."""
+    below = planned(scene(tmp_path, POST, SHEET.format(near=9, far=20)))
+    assert {"rcs_targets", "multi_bounce", "specular"} <= below
+    before = planned(scene(tmp_path, POST, SHEET.format(near=2, far=11)))
+    assert "rcs_targets" in before
+    assert "multi_bounce" not in before
+
+
+def test_a_walker_is_the_same_for_one_seed_and_another_for_the_next(
+    tmp_path: Path, small_radar: Callable[..., Radar]
+) -> None:
+    prepared, radar = scene(tmp_path, WALKER), small_radar(chirps=32, samples=128)
+    settings = ALL.settings(ChainSettings(trace=TraceSettings(rays=1000)))
+
+    def made(seed: int) -> tuple[Frame, dict[str, int]]:
+        frame = Deal(seed=seed, scenes=1, poses=(POSE,)).frame(0)
+        return next(make_frames([SceneSource(frame, prepared, settings)], radar))
+
+    (first, counts), (again, _), (other, _) = made(1), made(1), made(2)
+    assert counts["point_targets_hidden"] == 0
+    assert first.range_channel.tobytes() == again.range_channel.tobytes()
+    assert first.image.tobytes() == again.image.tobytes()
+    assert not np.allclose(first.range_channel, other.range_channel)
+    assert len([target for target in first.targets if target.object == "/walker"]) == 16
+    rates = [target.velocity_mps for target in first.targets if target.object == "/walker"]
+    assert max(rates) - min(rates) > 1.0
+    # Other rays of the same frame see the same walker.
+    frame = Deal(seed=1, scenes=1, poses=(POSE,)).frame(0)
+    assert frame.target_seed() == replace(frame, realisation=3).target_seed()
+
+
+CONTRACT = (
+    "specular", "diffuse", "multi_bounce", "refraction", "diffraction", "corners", "doppler",
+    "range_migration", "intra_chirp_motion", "near_field", "antenna_pattern", "rcs_targets", "noise",
+)  # fmt: skip
+"""Names and order as users' scripts know them."""
+
+
+def test_the_names_are_those_of_the_contract_in_its_order() -> None:
+    assert NAMES == CONTRACT == tuple(DESCRIPTIONS)
+    assert set(PATH_EFFECTS) < set(CONTRACT)
+
+
+def test_effects_are_read_from_the_command_line() -> None:
+    assert parse_effects("auto") is None
+    assert parse_effects("all") == ALL
+    assert parse_effects(" noise, specular ,diffuse,") == EffectSet.of({"specular", "diffuse", "noise"})
+    assert EffectSet.of({"noise", "specular"}).names == ("specular", "noise")
+
+
+@pytest.mark.parametrize("text", ["nonsense", "specular,nonsense", "Specular", "auto,noise", "all,noise", "a\nb", ""])
+def test_a_name_that_does_not_exist_is_refused(text: str) -> None:
+    with pytest.raises(InputError) as caught:
+        parse_effects(text)
+    wrong = next(name for name in text.split(",") if name not in NAMES)
+    assert "--effects" in str(caught.value)
+    assert repr(wrong) in str(caught.value)
+    assert ",".join(CONTRACT) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_one_effect_is_added_or_taken_away() -> None:
+    few = EffectSet.of({"diffuse", "noise"})
+    assert few.with_also("doppler").names == ("diffuse", "doppler", "noise")
+    assert few.without("noise").names == ("diffuse",)
+    assert few.with_also("noise") == few
+
+
+def test_each_path_effect_sets_one_field_of_the_trace() -> None:
+    settings = ChainSettings(trace=TraceSettings(rays=7, depth=3, polarization=("V", "H")))
+    everything = ALL.settings(settings).trace
+    assert everything == replace(settings.trace, refraction=True, diffraction=True, corners=True)
+    for name in NAMES:
+        left = ALL.without(name).settings(settings).trace
+        fields: dict[str, dict[str, Any]] = {"multi_bounce": {"depth": 1}, "rcs_targets": {"point_targets": False}}
+        expected = fields.get(name, {name: False} if name in PATH_EFFECTS else {})
+        assert left == replace(everything, **expected), name
+
+
+def test_what_the_user_left_out_of_the_trace_stays_out() -> None:
+    settings = ChainSettings(trace=TraceSettings(depth=1, specular=False, diffuse=False))
+    assert ALL.settings(settings).trace == replace(settings.trace, refraction=True, diffraction=True, corners=True)
+
+
+def test_each_signal_effect_sets_one_field_of_the_processing() -> None:
+    everything = ALL.settings(ChainSettings()).processing
+    assert everything == replace(Processing(), intra_chirp_motion=True)
+    for name in NAMES:
+        expected: dict[str, Any] = {name: False} if name in ("doppler", "noise") else {}
+        assert ALL.without(name).settings(ChainSettings()).processing == replace(everything, **expected), name
+    assert not ALL.settings(ChainSettings(processing=Processing(noise=False))).processing.noise
+
+
+def test_without_its_pattern_an_element_has_the_gain_of_boresight_everywhere() -> None:
+    front_end, directions = FrontEnd(), np.array([[1.0, 0.0, 0.0], [1.0, 2.0, -0.5], [0.0, 0.0, -1.0]])
+    assert ALL.settings(ChainSettings()).antenna_pattern
+    assert not ALL.without("antenna_pattern").settings(ChainSettings()).antenna_pattern
+    flat = front_end.with_boresight_gain()
+    for before, after in ((front_end.tx_pattern, flat.tx_pattern), (front_end.rx_pattern, flat.rx_pattern)):
+        assert after.power_gain(directions) == pytest.approx(np.full(3, before.power_gain(directions[0])), rel=1e-12)
+        assert before.power_gain(directions[2]) < 1e-2 * after.power_gain(directions[2])
+    assert flat.transmit_power_dbm == front_end.transmit_power_dbm

@@ -1,4 +1,4 @@
-"""How much a frame would change without an effect, against slow sums; what it is then made with."""
+"""How much a frame would change without an effect, against slow sums; what it is then made with; its boxes."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from datafactory.effects.catalogue import ALL, NAMES, NO_CHOICE, PATH_EFFECTS, S
 from datafactory.frame import changes
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.decision import Decided, doppler_called_for, path_effects
+from datafactory.frame.measurement import boxes_of
+from datafactory.frame.points import target_list
 from datafactory.paths.candidates import EDGE, PANE, TWICE, Candidates
 from datafactory.paths.density import cell_power
-from datafactory.paths.table import DIFFRACTED, DIFFUSE, REFRACTED, PathTable, ScatteredPaths
+from datafactory.paths.table import DIFFRACTED, DIFFUSE, REFRACTED, PathTable, ScatteredPaths, SpecularPaths
+from datafactory.scenes.boxes import SeenThing
 from shared.radar import FrontEnd, Radar
-from shared.radar.antenna import IsotropicPattern
 from shared.radar.waveform import Waveform
 
 LIGHT_MPS = 299_792_458.0
@@ -74,17 +76,6 @@ def test_the_change_by_range_migration_is_that_of_the_sum_over_chirps_and_sample
     np.testing.assert_allclose(fast, slow, rtol=0.02, atol=1e-12)
 
 
-def test_changes_by_motion_grow_with_speed_from_nothing_to_everything() -> None:
-    speeds = np.linspace(0.0, 400.0, 400)
-    for change in (changes.doppler_change, changes.intra_chirp_change):
-        values = change(speeds, WAVEFORM)
-        assert values[0] == 0.0
-        # Once the responses no longer meet, each stands where the other has nothing.
-        np.testing.assert_allclose(values[-20:], 1.0, atol=0.05)
-        small = change(np.array([1e-3, 2e-3]), WAVEFORM)
-        assert small[1] == pytest.approx(2.0 * small[0], rel=1e-3)
-
-
 def image_changes(table: PathTable, radar: Radar) -> np.ndarray:
     """[K] largest change of each path's delay-and-sum image, unit amplitudes, a phase common to all channels removed.
 
@@ -123,16 +114,6 @@ def test_the_change_by_plane_waves_bounds_that_of_the_full_array_s_image() -> No
     assert np.all(actual >= 0.5 * bound)
 
 
-def test_the_change_by_plane_waves_falls_with_range() -> None:
-    """A quadratic phase of the aperture, proportional to 1 / R: halved when the range doubles."""
-    radar = Radar()
-    range_m = np.array([40.0, 80.0, 160.0])
-    point = range_m[:, None] * np.array([np.sqrt(0.84), 0.4, 0.0])
-    table = PathTable(ScatteredPaths.of_points(point, np.zeros((3, 3)), np.ones(3)))
-    change = changes.plane_wave_change(table, radar.array, radar.waveform.wavelength_m)
-    np.testing.assert_allclose(change[:-1] / change[1:], 2.0, rtol=0.02)
-
-
 def test_range_rates_are_half_of_the_paths_rates(generator) -> None:
     """The larger of the mean rates over both halves of the frame, seen from the origin."""
     table, here = a_table(generator), np.zeros(3)
@@ -145,15 +126,6 @@ def test_range_rates_are_half_of_the_paths_rates(generator) -> None:
     ]
     rates = 0.5 * LIGHT_MPS * np.abs(np.diff(delays, axis=0)) / half_s
     np.testing.assert_allclose(changes.range_rates_mps(table, WAVEFORM), rates.max(axis=0), rtol=1e-6, atol=1e-6)
-
-
-def test_an_echo_that_passes_abeam_is_not_at_rest() -> None:
-    """Its range rate is zero at mid-frame; over half a frame it comes nearer by v^2 t^2 / 2 R."""
-    speed, range_m, mid_s = 20.0, 4.0, 0.5 * WAVEFORM.chirps * WAVEFORM.chirp_interval_s
-    point, velocity = np.array([[0.0, range_m, 0.0]]), np.array([[speed, 0.0, 0.0]])
-    paths = ScatteredPaths.of_points(point - velocity * mid_s, velocity, np.ones(1))
-    expected = speed**2 * mid_s / (2.0 * range_m)
-    np.testing.assert_allclose(changes.range_rates_mps(PathTable(paths), WAVEFORM), expected, rtol=1e-3)
 
 
 def test_the_change_by_plane_waves_is_the_same_block_by_block(generator, monkeypatch) -> None:
@@ -176,12 +148,6 @@ def test_the_change_by_the_pattern_is_that_of_the_illuminated_amplitudes(generat
     expected = np.abs(without - with_pattern) / np.abs(with_pattern)
     assert expected.max() > 10.0 * expected.min() > 0.0
     np.testing.assert_allclose(changes.pattern_change(table, radar), expected, rtol=1e-9)
-
-
-def test_an_isotropic_radar_has_no_pattern_to_change(generator) -> None:
-    isotropic = FrontEnd(tx_pattern=IsotropicPattern(gain_dbi=3.0), rx_pattern=IsotropicPattern())
-    radar = Radar(front_end=isotropic)
-    np.testing.assert_allclose(changes.pattern_change(a_table(generator), radar), 0.0, atol=1e-12)
 
 
 RADAR = Radar()
@@ -271,3 +237,58 @@ def test_settings_say_which_effects_of_the_signal_they_have(name: str) -> None:
         on = {each for each, value in effects.settings(ChainSettings()).signal_effects(RADAR).items() if value}
         expected = {"near_field", *({"doppler", *NO_CHOICE} if effects.doppler else ())}
         assert on == expected | {each for each in ("antenna_pattern", "noise") if getattr(effects, each)}
+
+
+AXES = {"forward": (1.0, 0.0, 0.0), "left": (0.0, 1.0, 0.0), "up": (0.0, 0.0, 1.0)}
+CAR = SeenThing("/Car", "car", (20.0, 4.0, 0.2), (4.0, 2.0, 1.5), velocity=(-8.0, 3.0, 0.0), indices=(0, 2), **AXES)
+NOTHING = PathTable(ScatteredPaths.none(), objects=("body", "wall", "wheel"))
+
+
+def test_a_box_and_a_target_at_one_place_agree_at_mid_frame() -> None:
+    ((box,), _) = boxes_of([CAR], NOTHING, RADAR)
+    (target,) = target_list(np.array([CAR.center]), np.array([CAR.velocity]), np.zeros(1), ["/Car"], RADAR)
+    range_m = float(np.linalg.norm(box.center))
+    assert range_m == pytest.approx(target.range_m, abs=1e-12)
+    assert box.center[1] / range_m == pytest.approx(target.u, abs=1e-12)
+    assert np.dot(box.center, box.velocity) / range_m == pytest.approx(target.velocity_mps, abs=1e-12)
+    assert (box.size, box.class_name, box.object, box.yaw) == (CAR.size, "car", "/Car", 0.0)
+
+
+def test_yaw_is_the_heading_in_the_radar_frame() -> None:
+    turned = replace(CAR, forward=(0.0, -1.0, 0.0), left=(1.0, 0.0, 0.0))
+    ((box,), _) = boxes_of([turned], NOTHING, RADAR)
+    assert box.yaw == pytest.approx(-np.pi / 2)
+
+
+def test_power_is_that_of_the_paths_off_its_own_parts() -> None:
+    """Two off the body, one off the wheel, one mirrored by the wheel; the wall's and the unknown's are not its own."""
+    index = np.array([0, 0, 1, 2, -1], dtype=np.int32)
+    scattered = ScatteredPaths.of_points(
+        np.ones((5, 3)), np.zeros((5, 3)), 1j * np.array([1.0, 2.0, 5.0, 3.0, 7.0]), index
+    )
+    one = np.ones(1)
+    specular = SpecularPaths(
+        np.ones((1, 3)), np.zeros((1, 3)), np.eye(3)[None], amplitude=4.0 * one.astype(np.complex128),
+        depth=one.astype(np.int8), object_index=np.array([2], dtype=np.int32), kinds=one.astype(np.uint8),
+    )  # fmt: skip
+    ((box,), _) = boxes_of([CAR], replace(NOTHING, scattered=scattered, specular=specular), RADAR)
+    assert box.power == pytest.approx(1.0 + 4.0 + 9.0 + 16.0)
+    ((hidden,), _) = boxes_of([CAR], NOTHING, RADAR)
+    assert hidden.power == 0.0
+
+
+@pytest.mark.parametrize(
+    ("center", "kept"),
+    [
+        ((20.0, 4.0, 0.0), True),
+        ((-20.0, 4.0, 0.0), False),  # behind
+        ((200.0, 0.0, 0.0), False),  # beyond the range
+        ((96.0, 0.0, 0.0), True),  # its rear is within
+        ((4.0, 16.0, 0.0), False),  # u = 0.97
+        ((5.0, 9.2, 0.0), True),  # u = 0.88, a corner at 0.8
+    ],
+)
+def test_what_is_out_of_view_is_counted(center: tuple[float, float, float], kept: bool) -> None:
+    thing = replace(CAR, center=center, velocity=(0.0, 0.0, 0.0))
+    boxes, counts = boxes_of([thing], NOTHING, RADAR)
+    assert (len(boxes), counts) == (int(kept), {"boxes": int(kept), "boxes_out_of_view": int(not kept)})

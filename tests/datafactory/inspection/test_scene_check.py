@@ -6,13 +6,14 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from factory_command import run
 from usd_files import CUBE, METRES_Z_UP, cube, ops, read, translated, write_usda
 
-from datafactory.cli.app import app
 from datafactory.inspection.scene import SceneReport, examine_scene
 from datafactory.scenes.materials.table import load_materials
+from datafactory.scenes.readers.common import sphere
 from datafactory.scenes.readers.open import named_scenes
+from shared.physics.errors import InputError
 
 BODY = f"""def Mesh "street" {{
   point3f[] points = [(-60,-60,0),(60,-60,0),(60,60,0),(-60,60,0)]
@@ -41,6 +42,10 @@ def Mesh "cart" {{
   custom token radar:material = "metal"
   {ops(translate={0: (0, 20, 1), 24: (3, 20, 1)})}
 }}
+def Sphere "ball" {{
+  double radius = 0.5
+  {translated(-20, 10, 1)}
+}}
 def Xform "walker" {{
   custom token radar:target = "pedestrian"
   custom double3 radar:velocity = (0, 1.5, 0)
@@ -59,7 +64,8 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> SceneReport:
 
 
 def test_counts_sizes_and_what_materials_became(report: SceneReport) -> None:
-    assert (report.objects, report.triangles, report.point_targets) == (5, 2 + 12 + 1 + 12 + 12, 1)
+    triangles = 2 + 12 + 1 + 12 + 12 + len(sphere(0.5)[1])
+    assert (report.objects, report.triangles, report.point_targets) == (6, triangles, 1)
     assert report.size_m == pytest.approx((120, 120, 3))
     uses = {item.name: item for item in report.materials}
     assert [uses[name].known for name in ("asphalt", "mithril", "glass", "metal")] == [True, False, True, True]
@@ -85,6 +91,7 @@ def test_what_is_dropped_and_what_to_know(report: SceneReport) -> None:
     assert all(area > 0.0 for area in report.ground_m2.values())
     text = "\n".join(report.remarks)
     assert "glass let waves through" in text
+    assert "triangles sample 1 curved surfaces" in text
     assert "7 rims of open sheets" in text  # four of the street, three of the bent pane
     assert "1 objects turn or deform" in text
     json.dumps(report.to_json())
@@ -92,40 +99,18 @@ def test_what_is_dropped_and_what_to_know(report: SceneReport) -> None:
 
 def test_the_command_prints_it_and_json(tmp_path: Path) -> None:
     path = write_usda(tmp_path, f'def Mesh "m" {{\n{CUBE}\n}}')
-    shown = CliRunner().invoke(app, ["check", "--scene", str(path)], catch_exceptions=False)
-    assert "1 objects, 12 triangles, 0 point targets; 2 x 2 x 2 m" in shown.stdout
-    assert "nothing moves" in shown.stdout
-    assert "no sensor can be drawn" in shown.stdout
-    told = CliRunner().invoke(app, ["check", "--scene", str(path), "--json"], catch_exceptions=False)
-    assert json.loads(told.stdout)["triangles"] == 12
+    shown = run("check", "--scene", path)
+    for part in ("1 objects, 12 triangles, 0 point targets; 2 x 2 x 2 m", "nothing moves", "no sensor can be drawn"):
+        assert part in shown
+    assert json.loads(run("check", "--scene", path, "--json"))["triangles"] == 12
 
 
 def test_variants_and_missing_geometry_are_options_of_the_command(tmp_path: Path) -> None:
-    body = f"""def Xform "car" (
-      variants = {{
-        string body = "low"
-      }}
-      prepend variantSets = "body"
-    ) {{
-      variantSet "body" = {{
-        "low" {{
-          {cube("m")}
-        }}
-        "high" {{
-          def Mesh "m" {{
-          {CUBE.replace(",1)", ",9)")}
-          }}
-        }}
-      }}
-      def "lost" (references = @gone.usd@) {{
-      }}
-    }}"""
-    path = str(write_usda(tmp_path, body))
-    arguments = ["check", "--scene", path, "--variant", "body=high", "--allow-missing", "--json"]
-    found = json.loads(CliRunner().invoke(app, arguments, catch_exceptions=False).stdout)
-    assert found["size_m"] == [2.0, 2.0, 10.0]
-    assert "variant body = high selected, as asked for" in found["dropped"]
-    assert any("gone.usd" in line for line in found["dropped"])
+    path = write_usda(tmp_path, f'{cube("m")}\ndef "lost" (references = @gone.usd@) {{\n}}')
+    asked = ("check", "--scene", path, "--allow-missing", "--json")
+    assert any("gone.usd" in line for line in json.loads(run(*asked))["dropped"])
+    with pytest.raises(InputError, match="--variant: no prim has a variant set 'body'"):
+        run(*asked, "--variant", "body=high")
 
 
 def test_scenes_are_listed_by_the_names_that_scene_takes() -> None:
@@ -133,6 +118,6 @@ def test_scenes_are_listed_by_the_names_that_scene_takes() -> None:
     assert {"shipped:street", "shipped:tiny", "shipped:effects/wall", "sionna:munich"} <= names.keys()
     assert names["shipped:street"].bytes > 5e5
     assert "Test range" in names["shipped:test_range"].about
-    shown = CliRunner().invoke(app, ["scenes"], catch_exceptions=False)
-    assert "shipped:street" in shown.stdout
-    assert "sionna:munich" in shown.stdout
+    shown = run("scenes")
+    assert "shipped:street" in shown
+    assert "sionna:munich" in shown

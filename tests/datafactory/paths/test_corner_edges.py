@@ -56,10 +56,6 @@ def test_a_sheet_on_the_ground_or_in_it_makes_a_corner_on_either_side(foot_m):
     np.testing.assert_allclose(np.sort(np.unique(np.round(reach, 6))), [2.0, 15.0, 25.0], atol=1e-5)
 
 
-def test_a_wall_that_hovers_makes_none():
-    assert len(corners_of(scene_of(GROUND, wall(1.5 * TOUCH_M, 2.0)))) == 0
-
-
 def test_a_house_on_the_ground_has_four_corners_outside_and_one_in_each_edge_inside():
     """Twelve edges look inwards, and four of the ground outwards; the ground's inner four lie over the house's own."""
     corners = corners_of(scene_of(GROUND, box("house", (2.0, 2.0, 0.0), (6.0, 5.0, 3.0), "metal")))
@@ -77,27 +73,26 @@ def test_other_angles_make_none(opening_deg):
     assert len(corners) == 0
 
 
-def test_faces_without_width_make_none():
-    needle = mesh("needle", [(5.0, -1.0, 0.0), (5.0, 1.0, 0.0), (5.0, 0.0, 0.0)], [[0, 1, 2]], "metal")
-    kerb = wall(0.0, 0.004)
-    assert len(corners_of(scene_of(GROUND, needle))) == 0
-    assert len(corners_of(scene_of(GROUND, kerb))) == 0
-    assert len(corners_of(scene_of(GROUND, wall(0.0, 0.1)))) == 2
+LEFT, RIGHT = (plate("w", (0.0, y, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), "metal") for y in (-1.0, 1.0))
+UP = plate("up", (0.0, 0.0, 0.5), (1.0, 0.0, 0.0), (0.0, 0.0, 0.5), "metal")
+APART = [plate("w", (5.0, y, 1.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), "metal") for y in (-2.0, 2.0)]
+NEEDLE = mesh("needle", [(5.0, -1.0, 0.0), (5.0, 1.0, 0.0), (5.0, 0.0, 0.0)], [[0, 1, 2]], "metal")
+COUNTED = {
+    "a wall that hovers": ((GROUND, wall(1.5 * TOUCH_M, 2.0)), []),
+    "faces of no width": ((GROUND, NEEDLE), []),
+    "a kerb of 4 mm": ((GROUND, wall(0.0, 0.004)), []),
+    "a kerb of 10 cm": ((GROUND, wall(0.0, 0.1)), [6.0, 6.0]),
+    "a ridge of three sheets, two of them in one plane": ((LEFT, RIGHT, UP), [2.0, 2.0]),
+    "an edge with a gap": ((GROUND, *APART), [2.0] * 4),
+    "bodies that move apart": ((GROUND, wall(0.0, 2.0, velocity=(1.0, 0.0, 0.0))), []),
+}
+"""Small scenes, and the lengths of their corners [m]."""
 
 
-def test_three_faces_at_one_edge_make_a_corner_for_each_right_angle():
-    """A ridge from which three sheets go out: two right angles, the third pair lies in one plane."""
-    left = plate("left", (0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), "metal")
-    right = plate("right", (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), "metal")
-    up = plate("up", (0.0, 0.0, 0.5), (1.0, 0.0, 0.0), (0.0, 0.0, 0.5), "metal")
-    assert lengths(scene_of(left, right, up)) == [2.0, 2.0]
-
-
-def test_an_edge_with_a_gap_is_two_corners():
-    low, high = (plate("w", (5.0, y, 1.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), "metal") for y in (-2.0, 2.0))
-    corners = corners_of(scene_of(GROUND, low, high))
-    assert lengths(scene_of(GROUND, low, high)) == [2.0] * 4
-    assert len(corners) == 4
+@pytest.mark.parametrize("name", COUNTED)
+def test_corners_of_small_scenes_are_counted_by_hand(name):
+    objects, expected = COUNTED[name]
+    assert lengths(scene_of(*objects)) == expected
 
 
 def test_a_triangular_face_gives_a_strip_that_narrows():
@@ -110,8 +105,7 @@ def test_a_triangular_face_gives_a_strip_that_narrows():
     np.testing.assert_allclose(reach, [[0.0, 3.0], [3.0, 0.0]], atol=1e-4)
 
 
-def test_bodies_that_move_apart_make_no_corner():
-    assert len(corners_of(scene_of(GROUND, wall(0.0, 2.0, velocity=(1.0, 0.0, 0.0))))) == 0
+def test_a_corner_of_bodies_that_move_together_moves_as_they_do():
     moving = [plate(name, centre, across, up, "metal", (1.0, 0.0, 0.0)) for name, centre, across, up in
               (("a", (0.0, 1.0, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)),
                ("b", (0.0, 0.0, 1.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)))]  # fmt: skip

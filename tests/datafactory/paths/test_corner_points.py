@@ -7,11 +7,10 @@ import pytest
 from corner_scenes import HERE, always, cross_section_dbsm, level_db, received
 from sionna_scenes import WAVELENGTH_M, box, mesh, plate, scene_of, slabs
 
-from datafactory.paths.corner_point_echoes import AROUND, CornerPointEchoes, _outline
-from datafactory.paths.corner_points import DIRECTIONS, CornerPoints, points_of
+from datafactory.paths.corner_point_echoes import CornerPointEchoes
+from datafactory.paths.corner_points import points_of
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.table import CORNER
-from datafactory.paths.unfold import unit
 from datafactory.scenes.poses import Pose
 
 AXIS = np.array([[-1.0, np.sqrt(2.0) * np.sin(t), np.sqrt(2.0) * np.cos(t)] for t in np.radians([10.0, 130.0, 250.0])])
@@ -54,41 +53,6 @@ def trihedral(distance_m: float, legs_m: float, square: bool = False, turn=None,
 def echoes(of: MergedScene, pose: Pose = HERE, sight=always, polarization=("V", "V")):
     points = points_of(of).seen_from(pose)
     return CornerPointEchoes(points, slabs(of), polarization).seen(sight)
-
-
-def outline_by_arrays(points: CornerPoints, home: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Direction by direction, in arrays: the slow way of ``_outline``."""
-    theta = 2.0 * np.pi * (np.arange(AROUND) + 0.5) / AROUND
-    start = unit(np.cross(home, points.axes[:, 0]))
-    aside = np.cross(home, start)
-    across = np.cos(theta)[None, :, None] * start[:, None] + np.sin(theta)[None, :, None] * aside[:, None]
-    rise = -np.einsum("qmi,qki->qmk", across, points.axes) / np.einsum("qi,qki->qk", home, points.axes)[:, None]
-    face = np.argmax(rise, axis=2)
-    direction = across + np.take_along_axis(rise, face[..., None], axis=2) * home[:, None]
-    rows = np.arange(len(points))[:, None]
-    beside = [np.einsum("qmi,qmi->qm", direction, points.axes[rows, (face + k) % 3]) for k in (1, 2)]
-    place = np.clip(np.arctan2(beside[1], beside[0]) / (0.5 * np.pi) * DIRECTIONS - 0.5, 0.0, DIRECTIONS - 1.0)
-    below = np.minimum(place.astype(np.int64), DIRECTIONS - 2)
-    share = place - below
-    reach = (1.0 - share) * points.reach[rows, face, below] + share * points.reach[rows, face, below + 1]
-    width = reach / np.linalg.norm(direction, axis=2)
-    rim = points.apex[:, None] + width[..., None] * direction
-    legs = np.linalg.norm(rim, axis=2) + np.linalg.norm(2.0 * points.apex[:, None] - rim, axis=2)
-    return face, rim, width, np.maximum(legs - 2.0 * np.linalg.norm(points.apex, axis=1)[:, None], 0.0)
-
-
-@pytest.mark.parametrize("pose", [HERE, Pose((2.0, -1.0, 0.7), yaw_deg=4.0, pitch_deg=-3.0)])
-def test_the_outline_is_that_of_every_direction(pose):
-    turns = [rotated(-8.0, 9.0), rotated(15.0), rotated(30.0, -12.0)]
-    objects = [part for n, turn in enumerate(turns) for part in trihedral(8.0 + 4.0 * n, 0.1 + 0.7 * n, n == 1, turn)]
-    points = points_of(scene_of(*objects)).seen_from(pose)
-    home = -unit(points.apex)
-    points = points.take((np.einsum("qij,qj->qi", points.axes, home) > 1e-6).all(axis=1))
-    assert len(points) >= len(turns)
-    fast, slow = _outline(points, -unit(points.apex)), outline_by_arrays(points, -unit(points.apex))
-    np.testing.assert_array_equal(fast[0], slow[0])
-    for one, other in zip(fast[1:], slow[1:], strict=True):
-        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-11)
 
 
 def section_dbsm(objects, distance_m: float) -> float:

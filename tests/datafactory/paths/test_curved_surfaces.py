@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -20,10 +19,8 @@ from curved_scenes import (
     body,
     traced,
 )
-from factory_command import run
 from scipy.spatial.transform import Rotation
 from sionna_scenes import mesh, plate, scene_of
-from small_radar import write_small_radar
 
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.edges import edges_of
@@ -96,33 +93,6 @@ def test_a_panel_with_chamfers_is_no_curved_surface():
     tail = mesh("tail", np.array(outer + inner) + np.array([6.0, 0.0, 0.0]), [*sides, [4, 5, 6], [4, 6, 7]], "metal")
     assert len(curved_surfaces_of(scene_of(tail))) == 0
     assert len(traced(tail).specular) == 1
-
-
-def test_a_run_counts_its_curved_mirrors_and_says_what_is_coarse(tmp_path):
-    """From a file to the manifest: a round sphere, and a column of eight sides."""
-    of, corners = cylinder(0.3, 1.0, 8), []
-    corners = [f"({x!r}, {y!r}, {z!r})" for x, y, z in (of[0] + np.array([9.0, 4.0, 0.0])).tolist()]
-    column = f"""def Mesh "column" {{
-  point3f[] points = [{", ".join(corners)}]
-  int[] faceVertexCounts = [{", ".join(["3"] * len(of[1]))}]
-  int[] faceVertexIndices = [{", ".join(map(str, of[1].reshape(-1).tolist()))}]
-  uniform token subdivisionScheme = "none"
-}}
-"""
-    ball = 'def Sphere "ball" {\n  double radius = 0.5\n  double3 xformOp:translate = (6, 0, 0)\n'
-    ball += '  uniform token[] xformOpOrder = ["xformOp:translate"]\n}\n'
-    (tmp_path / "bodies.usda").write_text('#usda 1.0\n(\n  metersPerUnit = 1\n  upAxis = "Z"\n)\n' + ball + column)
-    (tmp_path / "poses.json").write_text(json.dumps([{"position": [0, 0, 0.1]}, {"position": [0.5, 0.2, 0]}]))
-    run(
-        "render", "--scene", tmp_path / "bodies.usda", "--radar", write_small_radar(tmp_path), "--rays", 2000,
-        "--poses", tmp_path / "poses.json", "--effects", "all", "--workers", 1, "--out", tmp_path / "data",
-    )  # fmt: skip
-    counts = json.loads((tmp_path / "data" / "manifest.json").read_text())["counts"]
-    assert counts["curved_mirrors"] == 2
-    assert counts["facets_too_coarse"] == 2 * 8
-    words = " ".join(run("check", "--scene", tmp_path / "bodies.usda").split())
-    assert "triangles sample 1 curved surfaces" in words
-    assert "8 facets meet others at more than 25 deg and stay flat mirrors" in words
 
 
 def test_noise_of_rounded_vertices_bends_no_wall():

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from curved_bodies import tube
 from mirrored_scenes import (
     ASPHALT,
     METAL,
@@ -22,6 +23,7 @@ from mirrored_scenes import (
 )
 from numpy.typing import NDArray
 from oracles import mirrored, scattered_delays
+from sionna_scenes import plate
 
 from datafactory.frame.measurement import object_targets
 from datafactory.paths.mirrors import points_of_reflection
@@ -133,10 +135,7 @@ def test_a_small_face_reflects_what_the_sum_over_its_surface_does(
 @pytest.mark.parametrize("polarization", ["V", "H"])
 def test_a_wall_beside_is_a_ground_in_the_other_polarisation(polarization: str) -> None:
     """For a wall the field along z is across the plane of incidence: V has the lobes that H has above ground."""
-    wall = SceneObject(
-        "wall", np.array([(-400.0, -0.5, -400.0), (400.0, -0.5, -400.0), (400.0, -0.5, 400.0), (-400.0, -0.5, 400.0)]),
-        np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), "asphalt",
-    )  # fmt: skip
+    wall = plate("wall", (0.0, -0.5, 0.0), (400.0, 0.0, 0.0), (0.0, 0.0, 400.0), "asphalt")
     other = {"V": "H", "H": "V"}[polarization]
     for range_m in (15.0, 15.3, 15.6, 40.0):
         target = [point((range_m, 0.3, 0.0))]
@@ -148,8 +147,7 @@ def test_a_wall_beside_is_a_ground_in_the_other_polarisation(polarization: str) 
 def test_occlusion_of_either_leg_takes_its_paths() -> None:
     """A screen that stands in the bounced way but not in the direct one, before and behind the point of reflection."""
     for x, z in ((4.0, 0.15), (9.0, 0.4)):
-        low = np.array([(x, -9.0, 0.0), (x, 9.0, 0.0), (x, 9.0, z), (x, -9.0, z)])
-        screen = SceneObject("screen", low, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), "mirror")
+        screen = plate("screen", (x, 0.0, 0.5 * z), (0.0, 9.0, 0.0), (0.0, 0.0, 0.5 * z), "mirror")
         target = [point((12.0, 0.0, 0.6))]
         paths, _ = echoes([ground(), screen], target, Pose((0.0, 0.0, 0.5)))
         free, _ = echoes([ground()], target, Pose((0.0, 0.0, 0.5)))
@@ -163,14 +161,8 @@ def test_occlusion_of_either_leg_takes_its_paths() -> None:
 
 def test_a_target_that_is_hidden_directly_is_seen_over_a_wall() -> None:
     """Round a corner by a mirror: only the path that is reflected twice is there."""
-    screen = SceneObject(
-        "screen", np.array([(6.0, -9.0, -9.0), (6.0, 1.0, -9.0), (6.0, 1.0, 9.0), (6.0, -9.0, 9.0)]),
-        np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), "mirror",
-    )  # fmt: skip
-    side = SceneObject(
-        "side", np.array([(-9.0, 4.0, -9.0), (30.0, 4.0, -9.0), (30.0, 4.0, 9.0), (-9.0, 4.0, 9.0)]),
-        np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), "mirror",
-    )  # fmt: skip
+    screen = plate("screen", (6.0, -4.0, 0.0), (0.0, 5.0, 0.0), (0.0, 0.0, 9.0), "mirror")
+    side = plate("side", (10.5, 4.0, 0.0), (19.5, 0.0, 0.0), (0.0, 0.0, 9.0), "mirror")
     paths, table = echoes([screen, side], [point((12.0, 0.0, 0.0))], Pose((0.0, 0.0, 0.0)))
     assert table.counts["point_targets_hidden"] == 1
     assert paths.depth.tolist() == [3]
@@ -229,10 +221,7 @@ def test_delays_and_doppler_are_those_of_mirror_images_for_every_pair(moves: str
 
 
 def test_a_wall_beside_and_a_ground_below_give_every_way_out_with_every_way_back() -> None:
-    side = SceneObject(
-        "side", np.array([(-9.0, 4.0, 0.0), (30.0, 4.0, 0.0), (30.0, 4.0, 9.0), (-9.0, 4.0, 9.0)]),
-        np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), "mirror",
-    )  # fmt: skip
+    side = plate("side", (10.5, 4.0, 4.5), (19.5, 0.0, 0.0), (0.0, 0.0, 4.5), "mirror")
     paths, table = echoes([ground(), side], [point((12.0, 0.0, 1.0))], Pose((0.0, 0.0, 0.5)))
     assert sorted(paths.depth.tolist()) == [1, 2, 2, 2, 2, 3, 3, 3, 3]
     assert table.counts["target_mirrors"] == 2
@@ -240,10 +229,7 @@ def test_a_wall_beside_and_a_ground_below_give_every_way_out_with_every_way_back
 
 def test_a_wall_behind_the_target_gives_the_way_over_it_both_ways_and_counts_the_rest() -> None:
     """The bistatic angle of a mixed path is 180 deg there, where the monostatic cross section says nothing."""
-    behind = SceneObject(
-        "behind", np.array([(20.0, -9.0, -9.0), (20.0, 9.0, -9.0), (20.0, 9.0, 9.0), (20.0, -9.0, 9.0)]),
-        np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), "mirror",
-    )  # fmt: skip
+    behind = plate("behind", (20.0, 0.0, 0.0), (0.0, 9.0, 0.0), (0.0, 0.0, 9.0), "mirror")
     paths, table = echoes([behind], [point((12.0, 0.3, 0.1))], Pose((0.0, 0.0, 0.0)))
     assert sorted(paths.depth.tolist()) == [1, 3]
     assert table.counts["target_mirrors_too_wide"] == 2
@@ -254,9 +240,7 @@ def test_faces_on_top_of_each_other_are_one_mirror_to_the_radar_and_to_targets()
     pose, target = Pose((0.0, 0.0, 0.0)), [point((6.0, 4.0, 0.3))]
 
     def upright(x: float, name: str, velocity: float) -> SceneObject:
-        corners = np.array([(x, -9.0, -9.0), (x, 9.0, -9.0), (x, 9.0, 9.0), (x, -9.0, 9.0)])
-        triangles = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
-        return SceneObject(name, corners, triangles, "mirror", (velocity, 0.0, 0.0))
+        return plate(name, (x, 0.0, 0.0), (0.0, 9.0, 0.0), (0.0, 0.0, 9.0), "mirror", (velocity, 0.0, 0.0))
 
     wall, poster, board = upright(12.0, "wall", 0.0), upright(11.9995, "poster", -1.0), upright(11.997, "board", -1.0)
     paths, alone = echoes([wall], target, pose)
@@ -338,11 +322,7 @@ def test_points_of_reflection_are_those_of_mirror_images(generator: np.random.Ge
 
 def test_facets_of_a_curved_body_are_no_mirrors_of_a_target() -> None:
     """A smooth post beside the line of sight: whichever of its facets is square to the bisector reflects nothing."""
-    turns = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
-    ring = np.stack([5.0 + 0.5 * np.cos(turns), 1.0 + 0.5 * np.sin(turns)], axis=1)
-    vertices = np.concatenate([np.column_stack([ring, np.full(48, z)]) for z in (-2.0, 2.0)])
-    faces = [(k, (k + 1) % 48, 48 + k) for k in range(48)]
-    faces += [((k + 1) % 48, 48 + (k + 1) % 48, 48 + k) for k in range(48)]
-    post = SceneObject("post", vertices, np.array(faces, dtype=np.int32), "mirror")
+    vertices, triangles = tube(0.5, 4.0, 48)
+    post = SceneObject("post", vertices + np.array([5.0, 1.0, 0.0]), triangles, "mirror")
     _, table = echoes([post], [point((10.0, 0.0, 0.0))], Pose((0.0, 0.0, 0.0)))
     assert table.counts["target_mirrors"] == 0

@@ -1,15 +1,24 @@
-"""The ray fan, its density and solid angles; and what rays meet first."""
+"""The ray fan, its density and solid angles; what rays meet first; aimed rays, which keep the power they collect."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from sionna_scenes import plate, scene_of, sionna_scene
+from sionna_scenes import FREQUENCY_HZ, plate, scene_of, sionna_scene
 
-from datafactory.paths.geometry import _lines, first_hits, mesh_of_shape, ray_margin_m
+from datafactory.paths.aim import STRIPS, UNAIMED, aimed
+from datafactory.paths.arrivals import Arrivals
+from datafactory.paths.geometry import Geometry, first_hits, mesh_of_shape
+from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.rays import UNIFORM_IN_U, RayFan, _azimuth_at
-from datafactory.paths.unfold import unit
+from datafactory.paths.slabs import Slabs
+from datafactory.paths.solver import Bundle, TraceSettings
+from datafactory.paths.thinning import RANGE_CELL_M, U_CELL
+from datafactory.paths.view import View
+from datafactory.scenes.materials.table import Material, MaterialMapping
+from datafactory.scenes.poses import Pose
+from datafactory.scenes.scene import Scene, SceneObject
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -52,23 +61,8 @@ def test_the_first_of_two_walls_is_met_within_reach(generator):
     np.testing.assert_allclose(np.abs(hits.normal[hits.valid, 0]), 1.0, atol=1e-6)
 
 
-def test_lines_leave_their_ends_by_the_ray_casters_error(generator):
-    """Float64, rounded to float32 last, byte for byte as the formula says; lines without a length among them."""
-    start, end = generator.uniform(-80.0, 80.0, (2, 300, 3))
-    start[:100], end[40] = 0.0, 0.0
-    end[200] = start[200]
-    first, direction, reach = _lines(start, end)
-    length = np.linalg.norm(end - start, axis=1)
-    towards = unit(end - start)
-    ahead = 1e-4 + 2e-5 * np.linalg.norm(start, axis=1)
-    left = length - ahead - ray_margin_m(np.linalg.norm(end, axis=1))
-    np.testing.assert_array_equal(first, (start + ahead[:, None] * towards).T.astype(np.float32))
-    np.testing.assert_array_equal(direction, towards.T.astype(np.float32))
-    np.testing.assert_array_equal(reach, np.maximum(left, 0.0).astype(np.float32))
-
-
-STRIPS = (0.5, 0.25, 2.25, 1.5, 1.0, 0.5)
-AIMED = RayFan(60_000, (0.37, 0.81), strips=STRIPS)
+SHARES = (0.5, 0.25, 2.25, 1.5, 1.0, 0.5)
+AIMED = RayFan(60_000, (0.37, 0.81), strips=SHARES)
 
 
 def directions_of(fan: RayFan) -> NDArray[np.float64]:
@@ -133,14 +127,14 @@ def test_offsets_move_the_lattice_and_nothing_else():
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.37, 0.81)])
 def test_strips_have_their_shares_of_the_rays(offset):
-    fan = RayFan(60_000, offset, strips=STRIPS)
+    fan = RayFan(60_000, offset, strips=SHARES)
     z = directions_of(fan)[:, 2]
     plain = 0.5 + np.arctan(z / fan.beam) / (2.0 * np.arctan(1.0 / fan.beam))
     counts = np.bincount((plain * 6.0).astype(int), minlength=6)
-    np.testing.assert_allclose(counts / 60_000, np.array(STRIPS) / 6.0, atol=2.0 / 60_000)
+    np.testing.assert_allclose(counts / 60_000, np.array(SHARES) / 6.0, atol=2.0 / 60_000)
 
 
-@pytest.mark.parametrize("strips", [(), STRIPS])
+@pytest.mark.parametrize("strips", [(), SHARES])
 def test_the_density_of_elevations_is_what_the_rays_show(strips):
     fan = RayFan(200_000, strips=strips)
     edges = np.linspace(-0.3, 0.3, 25)
@@ -149,3 +143,85 @@ def test_the_density_of_elevations_is_what_the_rays_show(strips):
     middles = 0.5 * (fine[1:] + fine[:-1])
     expected = (fan.elevation_density(middles).reshape(24, 20_000)).mean(axis=1) * (edges[1] - edges[0])
     np.testing.assert_allclose(counts / 200_000, expected, atol=2e-5)
+
+
+CONCRETE = Material("concrete", 5.24, 1.38, 0.1, 0.6, "lambertian", "test", (77.0, 78.0), ())
+MATERIALS = MaterialMapping(entries={"concrete": (CONCRETE, "test")}, unknown=())
+POSE = Pose((0.0, 0.0, 0.5))
+GROUND = plate("ground", (40.0, 0.0, 0.0), (60.0, 0.0, 0.0), (0.0, 60.0, 0.0), "concrete")
+WALL = plate("wall", (20.0, 0.0, 0.0), (0.0, 60.0, 0.0), (0.0, 0.0, 60.0), "concrete")
+POLE = plate("pole", (17.0, 2.0, 1.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.9), "concrete")
+
+
+def seen(*objects: SceneObject) -> View:
+    merged = merge_scene(Scene("test", objects), MATERIALS)
+    slabs = Slabs(merged.slabs, FREQUENCY_HZ)
+    settings = TraceSettings(depth=1, paths_a_cell=0)
+    return View(Geometry(merged).place(merged, POSE).mi_scene, merged, slabs, POSE, settings)
+
+
+def echoes(view: View, fan: RayFan) -> Bundle:
+    return Arrivals.first(view, fan).echoes().thinned(1)
+
+
+def powers(bundle: Bundle, fan: RayFan) -> NDArray[np.float64]:
+    return np.abs(bundle.amplitude) ** 2 * fan.solid_angle_ratio(bundle.vertices[:, 0])
+
+
+def rays_a_cell(bundle: Bundle) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Middles [c] of the lit cells in range [m], and the rays [c] in each."""
+    point = bundle.vertices[:, 0]
+    distance = np.linalg.norm(point, axis=1)
+    cells = np.stack([distance / RANGE_CELL_M, (point[:, 1] / distance + 1.0) / U_CELL]).astype(int)
+    cells, counts = np.unique(cells, axis=1, return_counts=True)
+    return (cells[0] + 0.5) * RANGE_CELL_M, counts
+
+
+def test_more_cells_of_the_ground_hold_enough_rays():
+    view, fan = seen(GROUND), RayFan(100_000, (0.3, 0.6))
+    plain, sent = rays_a_cell(echoes(view, fan)), rays_a_cell(echoes(view, aimed(fan, view)))
+    enough = [int(((counts >= 5) & (middles < 30.0)).sum()) for middles, counts in (plain, sent)]
+    assert enough[1] > 2.0 * enough[0], enough
+
+
+def test_a_wall_asks_for_no_rays():
+    view = seen(WALL)
+    strips = np.array(aimed(RayFan(100_000), view).strips)
+    horizon = strips[STRIPS // 2 - 20 : STRIPS // 2 + 20]
+    assert strips.mean() == pytest.approx(1.0)
+    assert horizon.max() < 1.2
+
+
+def test_some_rays_stay_everywhere_and_factors_have_a_mean_of_one():
+    strips = np.array(aimed(RayFan(50_000), seen(GROUND, WALL)).strips)
+    assert strips.mean() == pytest.approx(1.0)
+    assert strips.min() >= UNAIMED
+
+
+def test_nothing_in_sight_keeps_the_fan():
+    behind = plate("behind", (-20.0, 0.0, 0.0), (0.0, 5.0, 0.0), (0.0, 0.0, 5.0), "concrete")
+    np.testing.assert_allclose(aimed(RayFan(1_000), seen(behind)).strips, 1.0, rtol=1e-12)
+
+
+def test_the_same_fan_for_the_same_scene_whatever_the_offset():
+    view = seen(GROUND, POLE)
+    first, second = aimed(RayFan(30_000), view), aimed(RayFan(30_000, (0.4, 0.2)), view)
+    assert first.strips == second.strips
+    assert second.offset == (0.4, 0.2)
+
+
+def test_the_expected_power_of_ground_and_of_a_thin_pole_stays():
+    """A sampling whose density followed what its own rays met would lose what is thin."""
+    view, generator = seen(GROUND, POLE), np.random.default_rng(3)
+    fans = [RayFan(4_000, tuple(generator.random(2))) for _ in range(60)]
+    totals = np.zeros((2, len(fans), 2))
+    for column, fan in enumerate(fans):
+        for row, sent in enumerate((fan, aimed(fan, view))):
+            bundle = echoes(view, sent)
+            pole = bundle.objects[:, 0] == 1
+            power = powers(bundle, sent)
+            totals[row, column] = power[~pole].sum(), power[pole].sum()
+    means, errors = totals.mean(axis=1), totals.std(axis=1) / np.sqrt(len(fans))
+    assert (means > 0.0).all()
+    np.testing.assert_array_less(np.abs(means[1] - means[0]), 4.0 * np.hypot(*errors))
+    assert means[1] == pytest.approx(means[0], rel=0.1)

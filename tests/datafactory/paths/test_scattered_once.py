@@ -1,8 +1,9 @@
-"""Echoes scattered once and twice: against Sionna's own, by the closed form, drawn in parts, through panes."""
+"""Echoes scattered once and twice: patterns and powers against Sionna's and closed forms, in parts, through panes."""
 
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,10 +18,12 @@ from datafactory.paths.geometry import placed
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattered import behind_panes, over_mirrors, scattered_twice
+from datafactory.paths.scattering import has_lobes, share_at
 from datafactory.paths.solver import Bundle, TraceSettings
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, PathTable
 from datafactory.paths.trace import trace
 from datafactory.scenes.materials.reflectivity import fresnel_reflectivity, lambertian_sigma0
+from datafactory.scenes.materials.table import Pattern
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import SceneObject
 
@@ -310,3 +313,60 @@ def test_thinned_paths_have_the_power_of_all():
     assert len(some) < 0.8 * len(every)
     ratio = np.sum(np.abs(some.amplitude) ** 2) / np.sum(np.abs(every.amplitude) ** 2)
     assert ratio == pytest.approx(1.0, rel=1e-12)
+
+
+NORMAL = np.array([0.0, 0.0, 1.0])
+ANGLES_DEG = (0.0, 20.0, 45.0, 70.0, 89.0)
+
+
+def arriving(angle_deg: float) -> np.ndarray:
+    angle = np.radians(angle_deg)
+    return np.array([np.sin(angle), 0.0, -np.cos(angle)])
+
+
+def share(pattern, arrival, departure):
+    arrival, departure = np.broadcast_arrays(np.atleast_2d(arrival), np.atleast_2d(departure))
+    turned = np.einsum("ki,ki->k", arrival, departure)
+    lobes = has_lobes(pattern)
+    return np.array(
+        [share_at(lobes, -a @ NORMAL, d @ NORMAL, c) for a, d, c in zip(arrival, departure, turned, strict=True)]
+    )
+
+
+@pytest.mark.parametrize("pattern", ["lambertian", "backscattering"])
+@pytest.mark.parametrize("angle_deg", ANGLES_DEG)
+def test_nothing_is_lost_and_nothing_won(pattern, angle_deg):
+    # Gauss-Legendre in cos(theta), trapezoid in azimuth: exact for these polynomials to rounding.
+    node, weight = np.polynomial.legendre.leggauss(40)
+    cosine, azimuth = 0.5 * (node + 1.0), 2.0 * np.pi * np.arange(64) / 64
+    c, a = (grid.ravel() for grid in np.meshgrid(cosine, azimuth, indexing="ij"))
+    s = np.sqrt(1.0 - c**2)
+    values = share(pattern, arriving(angle_deg), np.stack([s * np.cos(a), s * np.sin(a), c], axis=1))
+    total = (values.reshape(40, 64).mean(axis=1) * 2.0 * np.pi * 0.5 * weight).sum()
+    assert total == pytest.approx(1.0, abs=1e-4)
+
+
+def test_the_way_back_from_a_tilted_plane():
+    angle = np.radians(np.array(ANGLES_DEG))
+    back = [float(share("lambertian", arriving(a), -arriving(a))[0]) for a in ANGLES_DEG]
+    np.testing.assert_allclose(back, np.cos(angle) / np.pi, rtol=1e-12)
+    lobes = [float(share("backscattering", arriving(a), -arriving(a))[0]) for a in ANGLES_DEG]
+    # At normal incidence both lobes are one, ((1 + c) / 2)^4, whose integral is 2 pi (1 - 1 / 32) / 5 * 2.
+    assert lobes[0] == pytest.approx(1.0 / (4.0 * np.pi / 5.0 * (1.0 - 1.0 / 32.0)), rel=1e-12)
+    # Back at grazing incidence one lobe alone is heard: half of it, over the same share of the half space.
+    assert lobes[-1] > 0.5 * lobes[0]
+
+
+@pytest.mark.usefixtures("variant")
+def test_patterns_are_sionnas():
+    import mitsuba as mi
+    from sionna.rt.radio_materials.scattering_pattern import BackscatteringPattern, LambertianPattern
+
+    random = np.random.default_rng(1)
+    arrival, departure = random.normal(size=(2, 500, 3))
+    arrival[:, 2], departure[:, 2] = -np.abs(arrival[:, 2]), np.abs(departure[:, 2])
+    arrival, departure = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (arrival, departure))
+    theirs: dict[Pattern, Any] = {"lambertian": LambertianPattern(), "backscattering": BackscatteringPattern(4, 4, 0.5)}
+    for pattern, own in theirs.items():
+        expected = own(mi.Vector3f(*arrival.T.astype(np.float32)), mi.Vector3f(*departure.T.astype(np.float32))).numpy()
+        np.testing.assert_allclose(share(pattern, arrival, departure), expected, rtol=2e-5)

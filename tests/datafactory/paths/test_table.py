@@ -1,13 +1,32 @@
-"""The path table: both delay laws, illumination, reciprocity, what counts what, and a table that stands still."""
+"""The path table: both delay laws, illumination, reciprocity, a table that stands still; on the disk bit for bit."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from oracles import mirror_path, mirrored, scattered_delays, specular_delays
 from path_tables import a_table
 
-from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
+from datafactory.paths.storage import (
+    TWO_POINTS,
+    TracedFrame,
+    paths_schema,
+    read_frame_paths,
+    read_paths,
+    to_row,
+    writer_options,
+)
+from datafactory.paths.table import SPECULAR, PathTable, ScatteredPaths, SpecularPaths
+from datafactory.run.shards import write_tables
+from datafactory.scenes.boxes import SeenThing
+from datafactory.scenes.poses import Pose
+from shared.physics.errors import InputError
 from shared.radar import FrontEnd, Radar
 from shared.radar.antenna import IsotropicPattern, ParabolicPattern
 from shared.radar.waveform import Waveform
@@ -24,15 +43,8 @@ def behind(planes, velocity=(0.0, 0.0, 0.0)) -> SpecularPaths:
     for plane in planes:
         image = mirrored(image, plane)
         axes = (np.eye(3) - 2.0 * np.outer(plane[1], plane[1])) @ axes
-    return SpecularPaths(
-        image=image[None],
-        image_velocity=np.array([velocity]),
-        axes=axes[None],
-        amplitude=np.array([1.0 - 2.0j]),
-        depth=np.array([len(planes)], dtype=np.int8),
-        object_index=np.array([0], dtype=np.int32),
-        kinds=np.array([1], dtype=np.uint8),
-    )
+    amplitude, owner = np.array([1.0 - 2.0j]), np.zeros(1, dtype=np.int32)
+    return SpecularPaths.of(image[None], np.array([velocity]), axes[None], amplitude, owner, SPECULAR, len(planes))
 
 
 def two_points() -> ScatteredPaths:
@@ -49,16 +61,6 @@ def two_points() -> ScatteredPaths:
         object_index=np.array([0, 1], dtype=np.int32),
         kinds=np.array([2, 3], dtype=np.uint8),
     )
-
-
-@pytest.mark.parametrize("planes", [[WALL], [WALL, FLOOR], [FLOOR, WALL]])
-def test_specular_law_is_the_mirror_path_of_every_pair(planes):
-    generator = np.random.default_rng(2)
-    paths = behind(planes)
-    for tx, rx in generator.uniform(-0.3, 0.3, (20, 2, 3)):
-        length, _ = mirror_path(tx, rx, planes)
-        assert specular_delays(paths, tx, rx, 0.0)[0] * LIGHT_MPS == pytest.approx(length, abs=1e-12)
-        assert scattered_delays(paths.as_scattered(tx), tx, rx, 0.0)[0] * LIGHT_MPS == pytest.approx(length, abs=1e-12)
 
 
 @pytest.mark.parametrize("planes", [[WALL], [WALL, FLOOR]])
@@ -154,9 +156,7 @@ def test_each_end_has_its_own_pattern():
     one_way = FrontEnd(transmit_power_dbm=30.0, tx_pattern=narrow, rx_pattern=IsotropicPattern())
     ahead, aside = np.array([[5.0, 0.0, 0.0]]), np.array([[0.0, 5.0, 0.0]])
     base = ScatteredPaths.of_points(ahead, np.zeros((1, 3)), np.ones(1))
-    leaving_ahead = PathTable(
-        ScatteredPaths(**{**{n: getattr(base, n) for n in base.__dataclass_fields__}, "rx_point": aside})
-    )
+    leaving_ahead = PathTable(replace(base, rx_point=aside))
     assert np.abs(leaving_ahead.illuminated(one_way).scattered.amplitude[0]) == pytest.approx(1.0)
     leaving_aside = PathTable(leaving_ahead.scattered.reversed())
     assert np.abs(leaving_aside.illuminated(one_way).scattered.amplitude[0]) == pytest.approx(1e-2)
@@ -201,3 +201,82 @@ def test_a_table_at_rest_keeps_the_delays_of_its_moment(generator, time_s: float
             np.testing.assert_allclose(np.asarray(got), np.asarray(expected), rtol=1e-12)
     np.testing.assert_array_equal(still.scattered.amplitude, table.scattered.amplitude)
     np.testing.assert_array_equal(still.specular.amplitude, table.specular.amplitude)
+
+
+def a_frame(frame_id: int, scattered: int, specular: int) -> TracedFrame:
+    generator = np.random.default_rng(frame_id)
+
+    def labelled(paths: Any) -> Any:
+        count = len(paths)
+        return replace(
+            paths,
+            depth=generator.integers(1, 4, count).astype(np.int8),
+            object_index=generator.integers(-1, 9, count).astype(np.int32),
+            kinds=generator.integers(1, 32, count).astype(np.uint8),
+        )
+
+    paths = a_table(generator, scattered).scattered
+    paths.tx_point[::2] = paths.rx_point[::2]  # of one point, as most are
+    if scattered > 1:
+        paths.rx_point[0, 0], paths.tx_point[0, 0] = 0.0, -0.0  # which differ in a bit
+    images = a_table(generator, specular).specular
+    counts = {"rays": 5, "pruned": 0}
+    table = PathTable(labelled(paths), labelled(images), objects=("wall", "Größe"), counts=counts)
+    pose = Pose((1.0, 2.0, 3.0), 10.0, -2.0, 0.5, (4.0, 5.0, 6.0), 0.25)
+
+    def triple() -> tuple[float, float, float]:
+        x, y, z = generator.normal(size=3).tolist()
+        return x, y, z
+
+    things = tuple(
+        SeenThing(f"car {n}", "car", triple(), triple(), triple(), triple(), triple(), triple(), tuple(range(n)))
+        for n in range(frame_id)
+    )
+    return TracedFrame(frame_id, "scene", 1, 2**62, pose, 3.87e-3, 1, table, things)
+
+
+def written(folder: Path, frames: list[TracedFrame]) -> Path:
+    path = folder / "paths" / "part-00000.parquet"
+    rows = (pa.Table.from_pylist([to_row(frame)], schema=paths_schema()) for frame in frames)
+    write_tables(path, rows, paths_schema(), **writer_options())
+    return path
+
+
+def test_a_path_of_one_point_stores_it_once(tmp_path):
+    frame = a_frame(0, 4000, 1)
+    scattered = frame.table.scattered
+    once = replace(frame, table=replace(frame.table, scattered=replace(scattered, tx_point=scattered.rx_point)))
+    sizes = [written(tmp_path / name, [given]).stat().st_size for name, given in
+             (("all", frame), ("once", once))]  # fmt: skip
+    assert sizes[0] - sizes[1] > 0.9 * 24 * 2000  # half of the first frame's have two
+
+
+@pytest.mark.parametrize("marks", [[True] * 7, [False] * 6, []])
+def test_marks_that_do_not_belong_to_the_points_are_named(tmp_path, marks):
+    path = tmp_path / "part-00000.parquet"
+    row = {**to_row(a_frame(0, 7, 2)), TWO_POINTS: np.array(marks, dtype=bool)}
+    pq.write_table(pa.Table.from_pylist([row], schema=paths_schema()), path)
+    with pytest.raises(InputError, match=r"part-00000\.parquet: a row is not understood: 4 first points and"):
+        list(read_paths(path))
+
+
+def test_round_trip(tmp_path):
+    frames = [a_frame(0, 7, 2), a_frame(1, 0, 0), a_frame(2, 1, 1)]
+    path = written(tmp_path, frames)
+    alone = [read_frame_paths(path, row) for row in range(3)]
+    for read, given in zip([*read_paths(path), *alone], frames * 2, strict=True):
+        for name in ("frame_id", "scene", "seed", "pose", "wavelength_m", "point_targets", "things"):
+            assert getattr(read, name) == getattr(given, name)
+        assert read.table.objects == given.table.objects
+        assert read.table.counts == given.table.counts
+        for kind in ("scattered", "specular"):
+            ours, theirs = vars(getattr(read.table, kind)), vars(getattr(given.table, kind))
+            for name, value in theirs.items():
+                assert ours[name].dtype == value.dtype
+                assert ours[name].tobytes() == value.tobytes()
+
+
+def test_a_row_that_is_not_there_is_named(tmp_path):
+    path = written(tmp_path, [a_frame(0, 7, 2)])
+    with pytest.raises(InputError, match="1 rows, row 1 was asked for"):
+        read_frame_paths(path, 1)

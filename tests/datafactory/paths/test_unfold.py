@@ -9,9 +9,7 @@ from oracles import mirror_path, mirrored
 
 from datafactory.paths.unfold import (
     image_seen_from_tx,
-    mirror_normals,
     mirrored_velocity,
-    segment_lengths,
     tx_image_seen_from_rx,
     unit,
 )
@@ -41,17 +39,6 @@ def moved(planes: list[Plane], velocities: NDArray[np.float64], time_s: float) -
 
 def test_unit_vectors():
     np.testing.assert_allclose(unit(np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0]])), [[0.6, 0.8, 0.0], [0.0, 0.0, 0.0]])
-
-
-@pytest.mark.parametrize("mirrors", [1, 2, 3])
-def test_normals_and_lengths(mirrors):
-    generator = np.random.default_rng(1)
-    for _ in range(10):
-        planes, vertices = random_chain(generator, mirrors, ORIGIN)
-        normals = mirror_normals(vertices[None])[0]
-        for found, (_, normal) in zip(normals, planes, strict=True):
-            assert abs(found @ normal) == pytest.approx(1.0, abs=1e-9)
-        assert segment_lengths(vertices[None]).sum() == pytest.approx(mirror_path(ORIGIN, ORIGIN, planes)[0])
 
 
 def test_velocity_of_an_image_is_its_displacement():

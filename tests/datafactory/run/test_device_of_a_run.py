@@ -1,4 +1,4 @@
-"""A run on a device: what stands in the manifest, what is refused, what the bytes depend on.
+"""Which device a command takes, what stands in the manifest, what is refused, what the bytes depend on.
 
 Where there is no GPU, torch's cube on the processor stand in for it: all but the hardware is as it would be.
 """
@@ -19,6 +19,7 @@ from datafactory.api.forecasting import forecast
 from datafactory.api.options import Announce, OrderOptions, silent
 from datafactory.cli.app import app
 from datafactory.frame import device
+from datafactory.frame.device import device_of
 from datafactory.paths.backend import CudaDevice
 from datafactory.run import shards
 from datafactory.run.memory import processes
@@ -71,12 +72,6 @@ def test_a_run_on_another_device_has_the_same_signals_within_the_bound(tmp_path,
         assert np.linalg.norm(other - one) < 1e-3 * np.linalg.norm(one), column
 
 
-def test_a_run_is_not_resumed_on_another_device(tmp_path, stand_in):
-    points(tmp_path / "run", "cuda")
-    with pytest.raises(InputError, match=r"--resume: device is 'cpu', but the run in .* had 'cuda'"):
-        points(tmp_path / "run", "cpu", resume=True)
-
-
 def test_auto_is_settled_before_the_run_and_refused_where_it_changes(tmp_path, stand_in, monkeypatch):
     said: list[str] = []
     assert manifest_of(points(tmp_path / "run", "auto", announce=said.append))["arguments"]["device"] == "cuda"
@@ -109,3 +104,62 @@ def test_a_device_that_is_not_there_is_refused_before_anything_is_written(tmp_pa
     assert isinstance(result.exception, InputError)
     assert str(result.exception) == "--device: cuda: there is no NVIDIA driver; expected a driver"
     assert not out.exists()
+
+
+NONE = CudaDevice("", "there is no NVIDIA driver", "a driver")
+WITHOUT_OPTIX = CudaDevice("a GPU", "the NVIDIA driver comes without OptiX", "all of the driver")
+WHOLE = CudaDevice("a GPU")
+NO_TORCH = "torch is built without CUDA"
+
+
+@pytest.fixture
+def machine(monkeypatch):
+    """Makes up what is there."""
+
+    def there(found: CudaDevice, problem: str | None) -> None:
+        monkeypatch.setattr(device, "cuda_device", lambda: found)
+        monkeypatch.setattr(device, "synthesis_problem", lambda: problem)
+
+    return there
+
+
+@pytest.mark.parametrize(
+    ("found", "torch_problem", "tracing", "synthesis", "problem"),
+    [
+        (WHOLE, None, True, True, None),
+        (NONE, None, True, True, "no NVIDIA driver"),
+        (NONE, None, False, True, "no NVIDIA driver"),
+        (NONE, NO_TORCH, False, False, "no NVIDIA driver"),
+        (WITHOUT_OPTIX, None, True, True, "without OptiX"),
+        # Stored paths and point targets are not traced; traced paths have no signals.
+        (WITHOUT_OPTIX, None, False, True, None),
+        (WHOLE, NO_TORCH, True, True, NO_TORCH),
+        (WHOLE, NO_TORCH, True, False, None),
+    ],
+)
+def test_cuda_is_taken_where_all_that_the_command_needs_is_there(
+    machine, found, torch_problem, tracing, synthesis, problem
+):
+    machine(found, torch_problem)
+    assert device_of("cpu", tracing, synthesis) == "cpu"
+    assert device_of("auto", tracing, synthesis) == ("cuda" if problem is None else "cpu")
+    if problem is None:
+        assert device_of("cuda", tracing, synthesis) == "cuda"
+        return
+    with pytest.raises(InputError, match=f"--device: cuda: .*{problem}.*; expected ") as refused:
+        device_of("cuda", tracing, synthesis)
+    assert "\n" not in str(refused.value)
+    assert "--device cpu" in str(refused.value) or "driver" in str(refused.value)
+
+
+def test_the_processor_asks_for_nothing(monkeypatch):
+    monkeypatch.setattr(device, "cuda_device", lambda: pytest.fail("no driver is needed"))
+    monkeypatch.setattr(device, "synthesis_problem", lambda: pytest.fail("no torch is needed"))
+    assert device_of("cpu", True, True) == "cpu"
+
+
+def test_kernels_that_cannot_be_had_are_refused(monkeypatch):
+    monkeypatch.setattr(cube, "synthesis_problem", lambda: NO_TORCH)
+    assert cube.kernels_on("cpu") is cube.ON_CPU
+    with pytest.raises(InputError, match=f"--device: cuda: {NO_TORCH}; expected torch for CUDA: pip install"):
+        cube.kernels_on("cuda")

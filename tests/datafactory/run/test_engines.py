@@ -10,11 +10,10 @@ from typing import Any
 
 import pytest
 
-from datafactory import RunFailed, render
+from datafactory import render
 from datafactory.run.cluster import engine as cluster_engine
 from datafactory.run.cluster.driver import Look, Outcome
 from datafactory.run.cluster.engine import RayPool
-from datafactory.run.cluster.node import difference, surroundings
 from datafactory.run.shards import Portion, ShardPlan
 from shared.physics.errors import InputError
 from shared.processes.tasks import LOSSES
@@ -126,21 +125,3 @@ def test_a_full_disk_is_said_as_such() -> None:
     assert caught.value.filename == "part-00000.parquet"
     theirs.close()
     driver._pipe.close()
-
-
-def test_a_lost_cluster_is_one_line() -> None:
-    driver = cluster_engine._Driver.__new__(cluster_engine._Driver)
-    driver._pipe, theirs = cluster_engine.Pipe()
-    theirs.close()
-    with pytest.raises(RunFailed, match="the connection to the cluster is lost"):
-        list(driver.looks(0.0))
-    with pytest.raises(RunFailed, match="the connection to the cluster is lost"):
-        driver.send(PORTION)
-    driver._pipe.close()
-
-
-def test_the_first_difference_is_said() -> None:
-    here = surroundings()
-    assert difference(here, here) == ""
-    assert difference(here, {**here, "numpy": "1.0"}) == f"numpy is 1.0 there, {here['numpy']} here"
-    assert difference(here, {}) == f"Python is missing there, {here['Python']} here"

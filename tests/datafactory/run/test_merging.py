@@ -12,6 +12,7 @@ import pytest
 from factory_command import run, shards
 from hypothesis import given
 from hypothesis import strategies as st
+from small_radar import SMALL_RADAR, write_small_radar
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
@@ -24,29 +25,12 @@ from shared.dataset.documents import sealed
 from shared.dataset.folder import open_dataset, read_manifest, verify
 from shared.physics.errors import InputError
 
-RADAR = """
-[waveform]
-chirps = 4
-samples = 32
-range_bins = 20
-bandwidth_hz = 400e6
-[grid]
-bins = 16
-[array]
-tx_m = [[0.0, 0.0, 0.0]]
-rx_m = [[0.0, 0.0, 0.0], [0.0, 0.002, 0.0], [0.0, 0.004, 0.0]]
-[virtual_sensor]
-tx_m = [[0.0, 0.0, 0.0]]
-rx_m = [[0.0, 0.0, 0.0], [0.0, 0.002, 0.0], [0.0, 0.004, 0.0], [0.0, 0.006, 0.0]]
-"""
 JOBS = 3
 
 
 @pytest.fixture(scope="module")
 def radar(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("radar") / "small.toml"
-    path.write_text(RADAR, encoding="utf-8")
-    return path
+    return write_small_radar(tmp_path_factory.mktemp("radar"))
 
 
 def points(out: Path, radar: Path, *more: object) -> str:
@@ -163,16 +147,14 @@ def test_an_array_that_was_cut_anew_fills_the_gaps(jobs: Path, radar: Path, whol
     ("more", "names"),
     [
         (("--seed", 5), "seed is 5"),
-        (("--no-noise",), "processing.noise is False"),
         (("--radar", "OTHER"), "radar.waveform.chirps is 6"),
-        (("--frames", 41), "points is 41"),
     ],
 )
 def test_jobs_with_other_arguments_are_refused(
     more: tuple[object, ...], names: str, jobs: Path, radar: Path, tmp_path: Path
 ) -> None:
     shutil.rmtree(jobs / "job-1-of-3")
-    (other := tmp_path / radar.name).write_text(RADAR.replace("chirps = 4", "chirps = 6"), encoding="utf-8")
+    (other := tmp_path / radar.name).write_text(SMALL_RADAR.replace("chirps = 8", "chirps = 6"), encoding="utf-8")
     points(jobs, radar, "--shard", "1/3", *(other if item == "OTHER" else item for item in more))
     line = refused(jobs, tmp_path / "merged")
     assert line.startswith(f"{jobs / 'job-1-of-3'}: {names}")

@@ -2,8 +2,6 @@
 
 import hashlib
 import resource
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
@@ -19,7 +17,6 @@ from datafactory.run.shards import (
     write_shard,
 )
 from shared.dataset import Frame, arrow_schema, description
-from shared.dataset.folder import open_dataset, read_manifest, verify
 from shared.dataset.reading import read_frames
 from shared.physics.errors import InputError
 from shared.radar import ImageGrid, Radar
@@ -147,44 +144,6 @@ def test_a_frame_that_fails_leaves_the_old_shard_and_nothing_else(tmp_path):
     with pytest.raises(ValueError, match="no frames"):
         write_shard(path, [], SCHEMA)
     assert contents(tmp_path) == {"train/part-00000.parquet": b"old"}
-
-
-@pytest.mark.parametrize("stop_after", [0, 1, 3])
-def test_a_killed_and_resumed_run_ends_in_the_same_bytes(tmp_path, stop_after):
-    whole, resumed = tmp_path / "whole", tmp_path / "resumed"
-    every = make_dataset(whole)
-    first = make_dataset(resumed, stop_after=stop_after)
-    assert len(first) == stop_after
-    assert not (resumed / "manifest.json").exists()
-    second = make_dataset(resumed, resume=True)
-    assert first + second == every
-    assert contents(resumed) == contents(whole)
-    assert not (resumed / ".progress").exists()
-    assert verify(open_dataset(resumed)) == []
-    assert read_manifest(resumed)["counts"] == {"left_out": 20}
-
-
-def test_a_process_killed_while_writing_can_be_resumed(tmp_path):
-    script = f"""
-import importlib.util, os, signal
-spec = importlib.util.spec_from_file_location("pipeline", {str(Path(__file__))!r})
-pipeline = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(pipeline)
-def frame(index, make=pipeline.make_frame):
-    if index == 9:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return make(index)
-pipeline.make_frame = frame
-pipeline.make_dataset(pipeline.Path({str(tmp_path / "killed")!r}))
-"""
-    killed = subprocess.run([sys.executable, "-c", script], capture_output=True, check=False, timeout=120)
-    assert killed.returncode == -9, killed.stderr.decode()
-    left = contents(tmp_path / "killed")
-    assert any(name.endswith(".partial") for name in left)
-    assert ".progress/train-part-00000.json" in left
-    make_dataset(tmp_path / "killed", resume=True)
-    make_dataset(tmp_path / "whole")
-    assert contents(tmp_path / "killed") == contents(tmp_path / "whole")
 
 
 def test_a_finished_dataset_is_not_made_again(tmp_path):

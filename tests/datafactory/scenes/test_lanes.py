@@ -1,4 +1,4 @@
-"""Lanes: along the middle of streets and to the right of it, on allowed cells alone, smooth."""
+"""Streets and lanes: what a way leads to, what lies between facades; lanes to the right of the middle, smooth."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ from town_scenes import BUILDINGS, PLATE, box, flat, sheet
 
 from datafactory.scenes.ground import Ground, free_ground
 from datafactory.scenes.lanes import LANE_OFFSET_M, STEP_M, Lane, draw_lane
-from datafactory.scenes.scene import Scene
+from datafactory.scenes.poses import sample_pose
+from datafactory.scenes.scene import Scene, SceneObject
+from datafactory.scenes.streets import KERB_M, WIDEST_STREET_M, cut_into_regions
+from shared.dataset.folder import SPLITS
 
 
 @pytest.fixture(scope="module")
@@ -75,13 +78,104 @@ def test_a_circle_has_the_curvature_of_a_circle() -> None:
     np.testing.assert_allclose(np.diff(lane.heading_rad[2:-2]), np.pi / 199, rtol=1e-3)
 
 
-def test_the_same_generator_draws_the_same_lane(crossing: Ground) -> None:
-    np.testing.assert_array_equal(drawn(crossing, 60.0, 5).points, drawn(crossing, 60.0, 5).points)
-    assert not np.array_equal(drawn(crossing, 60.0, 5).points, drawn(crossing, 60.0, 6).points)
-
-
 def test_cells_without_room_have_no_lane(crossing: Ground) -> None:
     assert draw_lane(crossing, 50.0, np.random.default_rng(0), np.zeros_like(crossing.free)) is None
     spots = np.zeros_like(crossing.free)
     spots[150:152, 150:152] = True
     assert draw_lane(crossing, 50.0, np.random.default_rng(0), spots) is None
+
+
+def hollow(door: bool) -> tuple[SceneObject, ...]:
+    """A hall of 30 m with walls, and a roof that has a hole of 16 m: its floor is the topmost surface there.
+
+    :param door: a gap of 8 m in one wall and in the roof above it
+    """
+    walls = [
+        box("south", (-15.0, 20.0, 0.0), (15.0, 20.3, 6.0)),
+        box("north", (-15.0, 49.7, 0.0), (15.0, 50.0, 6.0)),
+        box("east", (14.7, 20.0, 0.0), (15.0, 50.0, 6.0)),
+    ]
+    for n, (low, high) in enumerate(((20.0, 31.0), (39.0, 50.0)) if door else ((20.0, 50.0),)):
+        walls.append(box(f"west-{n}", (-15.0, low, 0.0), (-14.7, high, 6.0)))
+    roof = [
+        box("roof-south", (-15.0, 20.0, 6.0), (15.0, 27.0, 6.2)),
+        box("roof-north", (-15.0, 43.0, 6.0), (15.0, 50.0, 6.2)),
+        box("roof-east", (8.0, 27.0, 6.0), (15.0, 43.0, 6.2)),
+    ]
+    for n, (low, high) in enumerate(((27.0, 31.0), (39.0, 43.0)) if door else ((27.0, 43.0),)):
+        roof.append(box(f"roof-west-{n}", (-15.0, low, 6.0), (-8.0, high, 6.2)))
+    return (*walls, *roof)
+
+
+def free_within(ground: Ground, low: tuple[float, float], high: tuple[float, float]) -> int:
+    i, j = np.nonzero(ground.free)
+    x, y = ground.origin[0] + (i + 0.5) * ground.cell_m, ground.origin[1] + (j + 0.5) * ground.cell_m
+    return int(np.count_nonzero((x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1])))
+
+
+PLAIN = sheet("floor", (-80.0, 80.0), (-40.0, 70.0), flat)
+
+
+def test_no_pose_stands_in_a_hollow_building_under_the_hole_of_its_roof() -> None:
+    ground = free_ground(Scene("hall", (PLAIN, *hollow(door=False))))
+    assert free_within(ground, (-15.0, 20.0), (15.0, 50.0)) == 0
+    assert free_within(ground, (-60.0, -30.0), (60.0, 10.0)) > 1000
+    for seed in range(40):
+        x, y, _ = sample_pose(ground, "train", np.random.default_rng(seed)).position
+        assert not (-15.0 < x < 15.0 and 20.0 < y < 50.0)
+
+
+def test_what_a_way_leads_to_is_kept() -> None:
+    """The same hall with a gap that a car can pass: its yard is a yard."""
+    ground = free_ground(Scene("hall", (PLAIN, *hollow(door=True))))
+    assert free_within(ground, (-15.0, 20.0), (15.0, 50.0)) > 200
+
+
+def test_a_walled_yard_without_a_roof_is_left_out_too() -> None:
+    walls = tuple(item for item in hollow(door=False) if not item.name.startswith("roof"))
+    assert free_within(free_ground(Scene("yard", (PLAIN, *walls))), (-15.0, 20.0), (15.0, 50.0)) == 0
+
+
+def test_streets_lie_between_facades_and_the_open_land_behind_them_does_not() -> None:
+    ground = free_ground(Scene("town", (PLATE, *BUILDINGS)))
+    assert np.all(ground.free[ground.street])
+    i, j = np.nonzero(ground.street)
+    y = ground.origin[1] + (j + 0.5) * ground.cell_m
+    assert np.abs(y).max() < 30.0  # the houses end at 28 m; a cell beside a gap between two is still between them
+    here = (np.abs(y) < 1.0) & (np.abs(ground.origin[0] + (i + 0.5) * ground.cell_m) < 80.0)
+    assert np.count_nonzero(here) * ground.cell_m**2 > 0.95 * 2.0 * 160.0
+
+
+def test_facades_too_far_apart_make_no_street() -> None:
+    def street_area(width: float) -> float:
+        houses = [
+            box(f"house{side}", (-60.0, min(side * width / 2, side * (width / 2 + 9)), 0.0),
+                (60.0, max(side * width / 2, side * (width / 2 + 9)), 9.0))
+            for side in (-1.0, 1.0)
+        ]  # fmt: skip
+        ground = free_ground(Scene("two", (sheet("floor", (-90.0, 90.0), (-60.0, 60.0), flat), *houses)))
+        return float(np.count_nonzero(ground.street)) / np.count_nonzero(ground.free)
+
+    assert street_area(WIDEST_STREET_M - 5.0) < 0.7
+    assert street_area(WIDEST_STREET_M + 5.0) == 1.0  # no streets: all free ground is used
+
+
+def test_named_roads_and_their_kerbs_are_the_streets() -> None:
+    road = sheet("/World/Main_Street/mesh", (-110.0, 110.0), (-4.0, 4.0), lambda x, y: 0.02)
+    ground = free_ground(Scene("with road", (PLATE, *BUILDINGS, road)))
+    _, j = np.nonzero(ground.street)
+    assert np.abs(ground.origin[1] + (j + 0.5) * ground.cell_m).max() <= 4.0 + KERB_M
+
+
+def test_every_cell_of_a_region_lies_on_its_own_side_half_a_gap_from_the_next() -> None:
+    cells = np.ones((400, 40), dtype=bool)
+    region, side, gap_m = cut_into_regions(cells, 0.5)
+    lines = [np.flatnonzero((region == number).any(axis=1)) for number in range(len(SPLITS))]
+    for number, own in enumerate(lines):
+        assert np.all(side[own] == number)
+        for other in range(len(SPLITS)):
+            if other != number:
+                theirs = np.flatnonzero((side == other).any(axis=1))
+                nearest = np.abs(own[:, None] - theirs[None, :]).min() - 1
+                assert nearest * 0.5 >= gap_m / 2 - 0.5
+    assert gap_m == pytest.approx(12.0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import json
 import math
-import pickle
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -147,12 +146,6 @@ def test_reflectivity_is_a_fraction(permittivity, conductivity, angle, polarizat
     assert 0.0 <= value <= 1.0 + 1e-12
 
 
-@given(permittivities, conductivities)
-def test_polarisations_agree_at_normal_incidence(permittivity, conductivity):
-    te, tm = (fresnel_reflectivity(permittivity, conductivity, FREQUENCY_HZ, 0.0, kind) for kind in ("te", "tm"))
-    assert float(te) == pytest.approx(float(tm), rel=1e-9)
-
-
 @given(permittivities)
 def test_brewster_angle_has_no_tm_reflection(permittivity):
     brewster = math.atan(math.sqrt(permittivity))
@@ -228,11 +221,6 @@ def test_unknown_names_get_the_default_and_are_listed():
     assert stored["names"]["brick"] == {"material": "brick", "rule": "name"}
     assert stored["materials"]["brick"]["relative_permittivity"] == 4.06
     assert stored["unknown"] == ["white", ""]
-
-
-def test_mapping_travels_to_workers():
-    mapping = TABLE.map_materials(["brick", "white"])
-    assert pickle.loads(pickle.dumps(mapping)) == mapping
 
 
 def test_every_material_is_found_by_its_own_name():

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from usd_files import signed_volume
 
 from datafactory.scenes.readers.mitsuba import read_mitsuba
 from datafactory.scenes.readers.open import open_scene, sionna_scenes
-from datafactory.scenes.scene import SceneObject
 
 CAMPUS = (
     Path(__file__).resolve().parents[3] / ".." / "shared" / "data" / "mitsuba_campus" / "Terrains" / "test_scene.xml"
@@ -23,11 +23,6 @@ def xml(folder: Path, body: str, name: str = "scene.xml") -> Path:
     path = folder / name
     path.write_text(f'<scene version="2.1.0">{body}</scene>', encoding="utf-8")
     return path
-
-
-def signed_volume(item: SceneObject) -> float:
-    a, b, c = (item.vertices[item.triangles[:, corner]] for corner in range(3))
-    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
 
 
 def test_transforms_multiply_in_the_order_written_and_in_float64(tmp_path: Path) -> None:

@@ -158,16 +158,3 @@ def test_a_mirror_reverses_the_winding_and_a_rotation_does_not() -> None:
         matrix = np.diag(np.array(diagonal, dtype=np.float64))
         vertices, faces, _ = place_mesh(box.vertices, box.faces, matrix, Notes())
         assert volume(vertices, faces) == pytest.approx(scale)
-
-
-@pytest.mark.parametrize("name", [[], {}, 3, "\ud800"])
-def test_names_that_are_no_text_are_left_out_or_refused(tmp_path: Path, name: object) -> None:
-    box = trimesh.creation.box()
-    box.visual = trimesh.visual.TextureVisuals(material=trimesh.visual.material.PBRMaterial(name="metal"))
-    header = json.loads(trimesh.Scene(box).export(file_type="gltf")["model.gltf"])
-    header["materials"][0]["name"] = name
-    for file, data in trimesh.Scene(box).export(file_type="gltf").items():
-        (tmp_path / file).write_bytes(data)
-    (tmp_path / "model.gltf").write_text(json.dumps(header))
-    (item,) = open_scene(str(tmp_path / "model.gltf")).objects
-    item.material.encode()

@@ -1,18 +1,23 @@
-"""The shipped scenes: resolvable materials, stated places, the bytes that their script writes or that they had."""
+"""The shipped scenes and assets: materials, stated places and sizes, the bytes that their scripts write or they had."""
 
 from __future__ import annotations
 
 import hashlib
 import math
+import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 from pxr import Usd, UsdGeom, UsdShade
 
+from datafactory.paths.bodies import bodies_of
+from datafactory.paths.merged_scene import merge_scene
+from datafactory.paths.smooth import smooth_facets
 from datafactory.scenes.city.usd import MATERIAL_COLOURS
+from datafactory.scenes.materials.table import load_materials
+from datafactory.scenes.readers.open import open_scene
 from shared.physics.units import SPEED_OF_LIGHT
 
 SCENES = Path(__file__).resolve().parents[3] / "scenes"
@@ -70,22 +75,6 @@ def test_stage_is_metric_z_up_and_every_binding_resolves(name: str) -> None:
     assert meshes > 0
 
 
-def test_street_carries_velocities_and_cross_sections() -> None:
-    stage = Usd.Stage.Open(str(SCENES / "street.usda"))
-    people = [prim for prim in stage.GetPrimAtPath("/World/People").GetChildren()]
-    assert len(people) > 8
-    cache = UsdGeom.XformCache()
-    for prim in people:
-        expected, torso = (-1.4, (1.1, 1.22)) if prim.GetName().startswith("Pedestrian") else (-10.0, (1.2,))
-        assert prim.GetAttribute("radar:rcs_dbsm").Get() == pytest.approx(expected)
-        height = cache.GetLocalToWorldTransform(prim).ExtractTranslation()[2]
-        assert min(abs(height - value) for value in torso) < 1e-6
-        assert prim.GetAttribute("radar:velocity").Get().GetLength() > 0.5
-    cars = stage.GetPrimAtPath("/World/Cars").GetChildren()
-    moving = [prim for prim in cars if prim.GetAttribute("radar:velocity").HasAuthoredValue()]
-    assert 4 <= len(moving) < len(cars)
-
-
 REFLECTORS = {
     # name: range [m], u, edge [m]
     "Pair_left": (5.7, 0.0406, 0.1),
@@ -126,13 +115,66 @@ def test_readme_states_the_reflectors_as_they_are() -> None:
         assert f"| `Reflectors/{item.name}` {row}" in text
 
 
-def test_small_scenes_stay_small() -> None:
-    assert (SCENES / "street.usda").stat().st_size < 1_500_000
-    assert (SCENES / "tiny.usda").stat().st_size < 60_000
-    meshes = list((SCENES / "meshes").glob("*.ply"))
-    assert sum(path.stat().st_size for path in meshes) < 500_000
-    # A Mitsuba shape has one material and one file: every mesh is used, and loads.
-    xml = (SCENES / "street.xml").read_text(encoding="utf-8")
-    assert sorted(xml.count(f"meshes/{path.name}") for path in meshes) == [1] * len(meshes)
-    triangles = sum(len(trimesh.load_mesh(path, process=False).faces) for path in meshes)
-    assert 3_000 < triangles < 20_000
+VEHICLE = {"metal", "glass", "rubber"}
+
+# Length, width and height [m], class, materials. Plates stand 1 cm beyond the bumpers.
+STATED = {
+    "saloon": ((4.72, 1.82, 1.45), "car", VEHICLE),
+    "hatchback": ((4.07, 1.76, 1.48), "car", VEHICLE),
+    "suv": ((4.62, 1.90, 1.68), "car", VEHICLE),
+    "van": ((5.02, 1.94, 1.97), "car", VEHICLE),
+    "truck": ((8.41, 2.50, 3.50), "truck", VEHICLE),
+    "bus": ((12.02, 2.58, 3.10), "bus", VEHICLE),
+    "lamp": ((0.24, 1.99, 7.00), "pole", {"metal"}),
+    "traffic_light": ((0.31, 0.30, 3.40), "pole", {"metal", "glass"}),
+    "bollard": ((0.16, 0.16, 0.95), "pole", {"metal"}),
+    "sign_round": ((0.07, 0.60, 3.00), "sign", {"metal"}),
+    "sign_triangle": ((0.07, 0.90, 3.02), "sign", {"metal"}),
+    "sign_octagon": ((0.07, 0.84, 3.00), "sign", {"metal"}),
+    "sign_panel": ((0.07, 0.60, 3.00), "sign", {"metal"}),
+    "bin": ((0.44, 0.44, 0.90), "other", {"metal"}),
+    "bench": ((1.80, 0.49, 0.85), "other", {"metal", "wood"}),
+}
+
+
+def test_every_asset_is_stated_here() -> None:
+    assert {file.stem for file in (SCENES / "assets").glob("*.usda")} == STATED.keys()
+    assert sum(file.stat().st_size for file in (SCENES / "assets").glob("*.usda")) < 1_000_000
+
+
+@pytest.mark.parametrize("name", STATED)
+def test_asset_has_its_size_class_and_materials(name: str) -> None:
+    size, label, materials = STATED[name]
+    scene = open_scene(f"shipped:assets/{name}")
+    low, high = scene.bounds()
+    np.testing.assert_allclose(high - low, size, atol=0.006)
+    assert low[2] == pytest.approx(0.0, abs=1e-6)  # it stands on the ground
+    assert {item.material for item in scene.objects} == materials
+    assert not scene.warnings
+    stage = Usd.Stage.Open(str(SCENES / "assets" / f"{name}.usda"))
+    assert [
+        str(prim.GetAttribute("radar:class").Get()) for prim in stage.Traverse() if prim.HasAttribute("radar:class")
+    ] == [label]
+
+
+@pytest.mark.parametrize(
+    ("name", "share"), [("saloon", 0.55), ("suv", 0.55), ("van", 0.55), ("truck", 0.55), ("bus", 0.5), ("lamp", 0.4)]
+)
+def test_rounded_bodies_are_curved_mirrors(name: str, share: float) -> None:
+    """None of their facets is too coarse to be one (docs/notes/curved.md)."""
+    scene = open_scene(f"shipped:assets/{name}")
+    (body,) = bodies_of(merge_scene(scene, load_materials().map_materials([item.material for item in scene.objects])))
+    found = smooth_facets(body)
+    assert np.mean(found.surface >= 0) >= share
+    assert found.coarse == 0
+    assert body.non_manifold == 0
+
+
+def test_the_script_writes_the_committed_files(tmp_path: Path) -> None:
+    script = (
+        "import sys, pathlib; sys.path.insert(0, sys.argv[1]); from make_assets import main; "
+        "main(pathlib.Path(sys.argv[2]))"
+    )
+    subprocess.run([sys.executable, "-c", script, str(SCENES), str(tmp_path)], check=True)
+    for file in sorted((SCENES / "assets").glob("*.usda")):
+        assert (tmp_path / file.name).read_bytes() == file.read_bytes(), file.name

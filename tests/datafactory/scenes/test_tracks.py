@@ -1,16 +1,35 @@
-"""Tracks: their curves, and the files that they are read from."""
+"""Tracks and their files; drawn drives, which keep their limits, their lane and their distance from traffic."""
 
 from __future__ import annotations
 
 import json
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from prepared_scenes import SCENES
 from scipy.spatial.transform import Rotation
+from town_scenes import BUILDINGS, PLATE, box, sheet
 
+from datafactory.scenes.boxes import Movers
+from datafactory.scenes.drives import (
+    ACCELERATION_MPS2,
+    FASTEST_MPS,
+    LATERAL_MPS2,
+    Drives,
+    draw_drive,
+    parse_drives,
+    ride,
+)
+from datafactory.scenes.ground import CLEARANCE_M, Ground, free_ground
+from datafactory.scenes.lanes import Lane
 from datafactory.scenes.poses import Pose
+from datafactory.scenes.readers.open import open_scene
+from datafactory.scenes.scene import Scene
 from datafactory.scenes.tracks import Curve, nearest_m, read_track
+from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError
 
 TEXT = "time,x,y,z,yaw_deg\n0,0,0,0.5,0\n1,4,0,0.5,0\n2,8,0,0.5,90\n4,8,8,0.5,90\n"
@@ -30,7 +49,7 @@ def circle(rows: int, radius_m: float = 20.0, speed_mps: float = 10.0) -> Curve:
     return Curve(time_s, place, np.column_stack([np.degrees(angle), np.zeros((rows, 2))]))
 
 
-# --- curves ---------------------------------------------------------------------------------------------------------
+# --- curves -----------------------------------------------------------------------------------------------------------
 
 
 def test_rows_are_given_back_as_they_were(tmp_path: Path) -> None:
@@ -115,7 +134,7 @@ def test_how_near_two_tracks_come() -> None:
     assert nearest_m(one, [Pose((3.0, 4.0, 0.0)), Pose((20.0, 0.0, 0.0))]) == pytest.approx(4.0)
 
 
-# --- files ----------------------------------------------------------------------------------------------------------
+# --- files ------------------------------------------------------------------------------------------------------------
 
 
 def test_table_and_list_are_the_same_track(tmp_path: Path) -> None:
@@ -128,3 +147,157 @@ def test_table_and_list_are_the_same_track(tmp_path: Path) -> None:
     one = read_track(written(tmp_path, "\ufeff" + table))
     assert one.rows() == read_track(written(tmp_path, json.dumps(entries), "track.json")).rows()
     assert one.velocity is not None
+
+
+# --- drives -----------------------------------------------------------------------------------------------------------
+
+TOWN = Scene("town", (PLATE, *BUILDINGS))
+FINE = Drives(seconds=5.0, rate_hz=100.0)
+
+
+@pytest.fixture(scope="module")
+def street() -> Ground:
+    return free_ground(TOWN)
+
+
+@pytest.fixture(scope="module")
+def shipped() -> tuple[Scene, Ground]:
+    scene = open_scene(str(SCENES / "street.usda"))
+    return scene, free_ground(scene)
+
+
+def corner(radius_m: float) -> Lane:
+    """30 m straight on, a quarter of a circle to the left, 30 m straight on."""
+    at = np.arange(0.0, 60.0 + math.pi / 2 * radius_m, 0.5)
+    turn = np.clip((at - 30.0) / radius_m, 0.0, math.pi / 2)
+    heading = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    return Lane(np.concatenate([[[0.0, 0.0]], np.cumsum(0.5 * heading, axis=0)])[: len(at)])
+
+
+def test_a_straight_lane_is_driven_at_cruising_speed_until_it_ends() -> None:
+    lane = Lane(np.stack([np.arange(0.0, 80.5, 0.5), np.zeros(161)], axis=1))
+    way, speed = ride(lane, 10.0).at(np.array([0.0, 1.0, 5.0, 60.0]))
+    np.testing.assert_allclose(way, [0.0, 10.0, 50.0, 80.0], atol=1e-9)
+    np.testing.assert_allclose(speed, [10.0, 10.0, 10.0, 0.0], atol=1e-9)
+    # v^2 / (2 a) = 16.7 m before the end it begins to brake.
+    braking, _ = ride(lane, 10.0).at(np.array([(80.0 - 100.0 / 6.0) / 10.0 + 1.0]))
+    assert braking[0] == pytest.approx(80.0 - 100.0 / 6.0 + 10.0 - 1.5, abs=0.1)
+
+
+def test_a_stop_is_reached_stood_at_and_left() -> None:
+    lane = Lane(np.stack([np.arange(0.0, 100.5, 0.5), np.zeros(201)], axis=1))
+    halted = ride(lane, 6.0, stop=80, standing_s=1.5)
+    time_s = np.arange(0.0, 25.0, 0.01)
+    way, speed = halted.at(time_s)
+    standing = (speed == 0.0) & (way < 99.0)
+    assert np.count_nonzero(standing) * 0.01 == pytest.approx(1.5, abs=0.03)
+    np.testing.assert_allclose(way[standing], 40.0, atol=1e-6)
+    assert way.max() == pytest.approx(100.0)
+    np.testing.assert_allclose(np.gradient(way, 0.01)[1:-1], speed[1:-1], atol=0.03)
+
+
+@pytest.mark.parametrize("radius_m", [8.0, 15.0, 40.0])
+def test_bends_are_taken_as_fast_as_they_may_be(radius_m: float) -> None:
+    driven = ride(corner(radius_m), 15.0)
+    lateral = driven.speed_mps**2 * np.abs(driven.lane.curvature)
+    assert lateral.max() <= LATERAL_MPS2 * 1.001
+    assert lateral.max() > 0.95 * LATERAL_MPS2  # and no slower
+    along = np.diff(driven.speed_mps**2) / (2.0 * np.diff(driven.lane.distance_m))
+    assert np.abs(along).max() <= ACCELERATION_MPS2 * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("split", SPLITS)
+def test_drawn_drives_keep_their_limits_and_the_free_ground(street: Ground, split: Split, seed: int) -> None:
+    poses = draw_drive(street, Movers(TOWN), split, FINE, np.random.default_rng(seed))
+    assert len(poses) == 500
+    time_s, place, velocity = (np.array([getattr(p, n) for p in poses]) for n in ("time_s", "position", "velocity"))
+    np.testing.assert_allclose(np.diff(time_s), 0.01, rtol=1e-9)
+    speed = np.linalg.norm(velocity, axis=1)
+    assert speed.max() <= FASTEST_MPS + 0.05
+    moving = speed > 0.5
+    rate = np.gradient(speed, 0.01)
+    assert np.abs(rate).max() <= ACCELERATION_MPS2 * 1.05
+    lateral = np.linalg.norm(np.cross(velocity, np.gradient(velocity, 0.01, axis=0)), axis=1) / np.maximum(speed, 0.5)
+    assert lateral[moving].max(initial=0.0) <= LATERAL_MPS2 * 1.1
+    i, j = street.cell_of(place[:, 0], place[:, 1])
+    assert np.all(street.free[i, j])
+    assert np.all(street.region[i, j] == SPLITS.index(split))
+
+
+def test_the_velocity_of_a_drive_is_the_derivative_of_its_place(street: Ground) -> None:
+    poses = draw_drive(
+        street, Movers(TOWN), "train", replace(FINE, rate_hz=1000.0, seconds=1.0), np.random.default_rng(1)
+    )
+    place, velocity = np.array([p.position for p in poses]), np.array([p.velocity for p in poses])
+    difference = (place[2:] - place[:-2]) / 0.002
+    np.testing.assert_allclose(difference, velocity[1:-1], atol=2e-3)
+
+
+def test_the_sensor_looks_along_its_way_half_a_metre_above_the_ground(street: Ground) -> None:
+    for pose in draw_drive(street, Movers(TOWN), "train", Drives(speed_mps=8.0), np.random.default_rng(2)):
+        vx, vy, _ = pose.velocity
+        if math.hypot(vx, vy) > 0.1:
+            assert math.degrees(math.atan2(vy, vx)) == pytest.approx(pose.yaw_deg, abs=1e-6)
+        assert pose.position[2] == pytest.approx(0.5, abs=1e-9)
+        assert pose.pitch_deg == pytest.approx(0.0, abs=1e-6)
+
+
+def test_uphill_the_sensor_looks_up_with_the_road() -> None:
+    hill = sheet("hill", (-110.0, 110.0), (-30.0, 30.0), lambda x, y: 0.1 * x)
+    houses = [box(f"house{side}", (-110.0, 12.0 * side - 1, -20.0), (110.0, 12.0 * side + 1, 30.0)) for side in (-1, 1)]
+    scene = Scene("hill", (hill, *houses))
+    ground = free_ground(scene)
+    pose = draw_drive(ground, Movers(scene), "train", Drives(speed_mps=5.0), np.random.default_rng(0))[10]
+    boresight, velocity = pose.rotation()[:, 0], np.array(pose.velocity)
+    np.testing.assert_allclose(boresight, velocity / np.linalg.norm(velocity), atol=1e-3)
+    rise = 0.1 * math.cos(math.radians(pose.yaw_deg))
+    assert boresight[2] == pytest.approx(rise / math.hypot(1.0, rise), abs=1e-3)
+    assert abs(rise) > 0.05
+
+
+def test_a_drive_at_no_speed_stands(street: Ground) -> None:
+    poses = draw_drive(street, Movers(TOWN), "train", Drives(speed_mps=0.0), np.random.default_rng(3))
+    assert {pose.position for pose in poses} == {poses[0].position}
+    assert all(pose.velocity == (0.0, 0.0, 0.0) for pose in poses)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_drives_keep_clear_of_traffic(shipped: tuple[Scene, Ground], seed: int) -> None:
+    """Against every vertex of what moves, at every pose's time."""
+    scene, ground = shipped
+    for pose in draw_drive(
+        ground, Movers(scene), "train", Drives(seconds=3.0, rate_hz=4.0), np.random.default_rng(seed)
+    ):
+        for item in scene.objects:
+            if item.moves:
+                vertices = item.at(pose.time_s).vertices - np.asarray(pose.position)
+                assert np.linalg.norm(vertices, axis=1).min() >= CLEARANCE_M, item.name
+
+
+def test_movers_are_where_their_vertices_are(shipped: tuple[Scene, Ground]) -> None:
+    scene, _ = shipped
+    movers = Movers(scene)
+    assert movers
+    assert not Movers(TOWN)
+    for time_s in (0.0, 1.7):
+        boxes = movers.boxes(time_s)
+        moving = [item for item in scene.objects if item.moves]
+        found = {tuple(np.round(np.concatenate(box), 6)) for box in boxes}
+        for item in moving:
+            vertices = item.at(time_s).vertices
+            assert tuple(np.round(np.concatenate([vertices.min(axis=0), vertices.max(axis=0)]), 6)) in found
+
+
+def test_no_street_is_said_in_one_line(street: Ground) -> None:
+    none = replace(street, region=np.full_like(street.region, -1))
+    with pytest.raises(
+        InputError, match=r"town: no drive in the region of test: no street is long enough; expected .*"
+    ):
+        draw_drive(none, Movers(TOWN), "test", Drives(), np.random.default_rng(0))
+
+
+def test_what_is_asked_of_drives_is_read() -> None:
+    assert parse_drives("drive", None) == Drives()
+    assert parse_drives("drive:speed=10,seconds=4", 20.0) == Drives(10.0, 4.0, 20.0)
+    assert Drives(seconds=0.3, rate_hz=10.0).frames == 3

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from usd_files import CUBE, METRES_Z_UP, TWINS, Twin, ops, read, translated, write_usda
+from usd_files import CUBE, METRES_Z_UP, TWINS, Twin, cube, ops, read, translated, write_usda
 
 from datafactory.scenes.readers.common import Reading, parse_variants
 from datafactory.scenes.readers.open import open_scene
+from datafactory.scenes.scene import Scene
 from shared.physics.errors import InputError
 
 BOX = f"""def Mesh "box" (prepend apiSchemas = ["MaterialBindingAPI"]) {{
@@ -66,10 +67,6 @@ def test_a_lost_reference_of_what_is_named_like_materials_but_has_geometry_is_an
         read(tmp_path, body)
 
 
-def shape(name: str) -> str:
-    return f'def Mesh "{name}" {{\n{CUBE}\n}}'
-
-
 CAR = f"""def Xform "car" (
   variants = {{
     string body = "van"
@@ -79,17 +76,17 @@ CAR = f"""def Xform "car" (
 ) {{
   variantSet "body" = {{
     "van" {{
-      {shape("van")}
+      {cube("van")}
     }}
     "sedan" (
       prepend variantSets = "roof"
     ) {{
-      {shape("sedan")}
+      {cube("sedan")}
       variantSet "roof" = {{
         "open" {{
         }}
         "closed" {{
-          {shape("roof")}
+          {cube("roof")}
         }}
       }}
     }}
@@ -98,7 +95,7 @@ CAR = f"""def Xform "car" (
     "none" {{
     }}
     "four" {{
-      {shape("wheel")}
+      {cube("wheel")}
     }}
   }}
 }}"""
@@ -150,14 +147,40 @@ def test_other_formats_have_no_variants(tmp_path: Path) -> None:
         open_scene(str(path), Reading((("a", "b"),)))
 
 
+CORNERS = np.array([(0.5, 0.25, 0.0), (2.0, 0.25, 0.0), (2.0, 1.5, 0.75), (0.5, 1.5, 0.75)])
+
+
+def twin_scene(folder: Path, twin: Twin) -> Scene:
+    """A sheet that drives and turns about the vertical, a cross section that goes straight on, and a walker."""
+    turning = {f"rotate{twin.up}": {0: 0, 24: 90}}
+    body = f"""def Mesh "sheet" {{
+      point3f[] points = {twin.places(CORNERS)}
+      int[] faceVertexCounts = [4]
+      int[] faceVertexIndices = [0, 1, 2, 3]
+      {ops(translate={0: twin.place((3, 4, 5)), 24: twin.place((3, 4, 14))}, **turning)}
+    }}
+    def Xform "post" {{
+      custom float radar:rcs_dbsm = 3
+      custom double3 radar:velocity = {twin.turned((-1.0, 2.0, 0.5))}
+      {ops(translate=twin.place((18.0, 6.0, 1.0)))}
+    }}
+    def Xform "walker" {{
+      custom token radar:target = "pedestrian"
+      {ops(translate={0: twin.place((10.0, -1.0, 0.0)), 24: twin.place((10.0, 0.5, 0.0))})}
+    }}"""
+    return read(folder, body, f"{twin.metadata}\n timeCodesPerSecond = 24")
+
+
 @pytest.mark.parametrize("twin", TWINS, ids=str)
 def test_twins_in_other_axes_and_units_are_the_same_scene(tmp_path: Path, twin: Twin) -> None:
-    """Paths of such twins are compared in tests/integration/test_twins.py."""
-    body = f"""def Sphere "m" {{
-      double radius = {1.0 / twin.metres}
-      {ops(translate={0: twin.place((3, 4, 5)), 24: twin.place((3, 4, 14))})}
-    }}"""
-    scene = read(tmp_path, body, twin.metadata)
-    np.testing.assert_allclose(np.mean(scene.bounds(), axis=0), [3, 4, 5], atol=1e-9)
-    np.testing.assert_allclose(np.subtract(*scene.bounds()[::-1]), [2, 2, 2], atol=1e-2)
-    assert scene.objects[0].velocity == pytest.approx((0, 0, 9))
+    """Whatever is up, and in metres or centimetres: places, velocities and headings at a time, computed by hand."""
+    scene = twin_scene(tmp_path, twin)
+    sheet, (post, walker) = scene.objects[0].at(0.5), (target.at(0.5) for target in scene.targets)
+    half = np.sqrt(0.5) * np.array([(1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (0.0, 0.0, np.sqrt(2.0))])
+    turned = CORNERS @ half.T
+    np.testing.assert_allclose(sheet.vertices, turned + np.array([3.0, 4.0, 9.5]), atol=1e-6)
+    velocity = 0.5 * np.pi * np.cross([0.0, 0.0, 1.0], turned) + np.array([0.0, 0.0, 9.0])
+    np.testing.assert_allclose(sheet.velocities, velocity, atol=1e-6)
+    np.testing.assert_allclose([post.position, post.velocity], [(17.5, 7.0, 1.25), (-1.0, 2.0, 0.5)], atol=1e-9)
+    np.testing.assert_allclose([walker.position, walker.velocity], [(10.0, -0.25, 0.0), (0.0, 1.5, 0.0)], atol=1e-9)
+    np.testing.assert_allclose(walker.axes, np.eye(3), atol=1e-9)

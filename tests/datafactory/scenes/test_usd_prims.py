@@ -1,14 +1,18 @@
-"""The geometry of single USD prims: polygon meshes and solids."""
+"""USD prims and stages: meshes and solids, polygons cut into triangles, units, axes, layers that are missing."""
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from usd_files import CUBE, area, ops, read, signed_volume
+from usd_files import CUBE, area, ops, read, signed_volume, translated, write_usda
 
 from datafactory.scenes.readers.common import CHORD_ERROR, sphere
+from datafactory.scenes.readers.usd_prims import triangulate
+from shared.physics.errors import InputError
 
 
 @pytest.mark.parametrize(
@@ -37,23 +41,6 @@ def test_holes_are_left_open(tmp_path: Path) -> None:
     assert area(item) == pytest.approx(5 * 4.0)
     top = (item.vertices[item.triangles][:, :, 2] == 1).all(axis=1)
     assert not top.any()
-
-
-def test_bad_triangles_are_dropped_and_counted(tmp_path: Path) -> None:
-    body = """def Mesh "m" {
-      point3f[] points = [(0,0,0), (1,0,0), (0,1,0), (nan,0,0), (2,0,0), (inf,0,0)]
-      int[] faceVertexCounts = [3, 3, 3, 3, 3]
-      int[] faceVertexIndices = [0,1,2, 0,1,3, 0,1,4, 0,1,77, 1,2,5]
-      uniform token subdivisionScheme = "none"
-    }"""
-    scene = read(tmp_path, body)
-    assert scene.objects[0].triangles.tolist() == [[0, 1, 2]]
-    assert len(scene.objects[0].vertices) == 3
-    assert set(scene.warnings) == {
-        "2 triangles with a NaN or infinite vertex dropped",
-        "1 triangles without area dropped",
-        "1 faces with fewer than three corners or an index out of range dropped",
-    }
 
 
 PI = np.pi
@@ -119,3 +106,105 @@ def test_indices_of_another_type_are_no_indices(tmp_path: Path, attribute: str) 
     def Cube "c" {{
     }}"""
     assert [item.name for item in read(tmp_path, body).objects] == ["/c"]
+
+
+def test_concave_polygons_keep_their_area_and_outline() -> None:
+    """An L of area 3: a fan from its corner 0 would cover 4 and stick out into the yard."""
+    outline = np.array([[2, 0, 0], [2, 1, 0], [1, 1, 0], [1, 2, 0], [0, 2, 0], [0, 0, 0]], dtype=np.float64)
+    for start in range(6):
+        points = np.roll(outline, start, axis=0)
+        cut = triangulate(points, np.array([6]), np.arange(6))
+        corner = points[cut.triangles]
+        doubled = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        assert (doubled[:, 2] > 0).all()
+        assert doubled[:, 2].sum() / 2 == pytest.approx(3.0)
+        assert cut.crossing_faces == 0
+        middle = corner.mean(axis=1)
+        assert not ((middle[:, 0] > 1) & (middle[:, 1] > 1)).any()
+
+
+def test_a_hole_joined_by_a_doubled_edge_stays_open() -> None:
+    outer, inner = [(0, 0), (4, 0), (4, 4), (0, 4)], [(1, 1), (1, 3), (3, 3), (3, 1)]
+    ring = [*outer, outer[0], inner[0], *inner[1:], inner[0]]
+    points = np.array([(x, y, 0.0) for x, y in ring])
+    cut = triangulate(points, np.array([len(ring)]), np.arange(len(ring)))
+    corner = points[cut.triangles]
+    doubled = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    assert np.abs(doubled[:, 2]).sum() / 2 == pytest.approx(16 - 4)
+
+
+def test_a_bow_tie_is_counted() -> None:
+    points = np.array([[0, 0, 0], [2, 3, 0], [2, 0, 0], [0, 2, 0]], dtype=np.float64)
+    assert triangulate(points, np.array([4]), np.arange(4)).crossing_faces == 1
+
+
+def test_bad_faces_are_counted_and_the_others_keep_their_numbers() -> None:
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=np.float64)
+    cut = triangulate(points, np.array([2, 4, 3, 3]), np.array([0, 1, 0, 1, 2, 3, 0, 1, 9, 0, 1, 2]))
+    assert cut.bad_faces == 2
+    assert cut.faces.tolist() == [1, 1, 3]
+
+
+def test_missing_units_and_axis_are_usd_defaults_and_said(tmp_path: Path) -> None:
+    scene = read(tmp_path, f'def Mesh "m" {{\n{CUBE}\n}}', 'doc = "bare"')
+    assert np.ptp(scene.objects[0].vertices) == pytest.approx(0.02)
+    assert any("no metersPerUnit" in warning for warning in scene.warnings)
+    assert any("no upAxis" in warning for warning in scene.warnings)
+
+
+def test_y_up_is_turned_to_z_up_without_a_mirror(tmp_path: Path) -> None:
+    body = f'def Mesh "m" {{\n{CUBE}\n{translated(10, 20, 30)}}}'
+    item = read(tmp_path, body, 'metersPerUnit = 1\n upAxis = "Y"').objects[0]
+    np.testing.assert_allclose(item.vertices.mean(axis=0), [10, -30, 20])
+    assert signed_volume(item) == pytest.approx(8.0)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        'def Xform "a" (references = @gone.usda@</X>) {\n}',
+        'def Xform "a" (payload = @gone.usda@) {\n}',
+        'def Xform "a" (instanceable = true\n references = @inner.usda@</A>) {\n}',
+    ],
+)
+def test_a_missing_layer_is_one_line_with_its_name(
+    tmp_path: Path, body: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    write_usda(tmp_path, 'def Xform "A" {\ndef Mesh "m" (references = @gone.usda@</X>) {\n}\n}', name="inner.usda")
+    with pytest.raises(InputError, match=r"stage\.usda: .*gone\.usda.*</[aA]") as caught:
+        read(tmp_path, f'{body}\ndef Cube "c" {{\n}}')
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr().err == ""
+
+
+def test_layers_in_other_units_are_told_with_the_size_they_give(tmp_path: Path) -> None:
+    write_usda(tmp_path, f'def Mesh "m" {{\n{CUBE}\n}}', 'metersPerUnit = 0.01\n upAxis = "Y"', name="inner.usda")
+    scene = read(tmp_path, 'def "a" (references = @inner.usda@</m>) {\n}')
+    assert any("1 layers are in units of 0.01 m within a stage of 1 m" in warning for warning in scene.warnings)
+    assert any("1 layers have Y up within a stage with Z up" in warning for warning in scene.warnings)
+    assert any("the scene measures 2 x 2 x 2 m" in warning for warning in scene.warnings)
+
+
+SCRIPT = """
+import os, signal, sys
+from shared.processes.interrupt import run_command
+
+class InterruptAt:
+    def find_spec(self, name, path=None, target=None):
+        if name == "pxr.Kind":  # loaded by UsdGeom, from C++
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), signal.SIGTERM)
+
+sys.meta_path.insert(0, InterruptAt())
+
+def load():
+    import datafactory.scenes.usd_library
+    print("went on")
+
+run_command("program", load)
+"""
+
+
+def test_an_interrupt_while_usd_is_imported_is_one_line() -> None:
+    done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "program: interrupted\n")

@@ -10,7 +10,6 @@ from datafactory.scenes.targets.bodies import Motion, MovingParts
 from datafactory.scenes.targets.road_users import Pedestrian
 from datafactory.scenes.targets.walking import (
     PARTS,
-    STEP,
     control_points,
     cycle_s,
     ellipsoid_rcs_m2,
@@ -147,14 +146,6 @@ def test_a_walker_who_stands_or_walks_backwards() -> None:
     forward, backward = walker(1.1, 0.2), walker(-1.1, -0.2)
     np.testing.assert_allclose(forward.position, backward.position, atol=1e-12)
     np.testing.assert_allclose(forward.velocity, -backward.velocity, atol=1e-9)
-
-
-def test_the_derivative_is_exact() -> None:
-    """The imaginary part against a difference of the real one, at a place without control points."""
-    rv, phase, step = 1.6, 0.23, 1e-6
-    here, later = joints(phase, rv, STATURE_M), joints(phase + step, rv, STATURE_M)
-    for name, place in here.items():
-        np.testing.assert_allclose((later[name] - place).real / step, place.imag / STEP, atol=1e-4)
 
 
 def test_options_of_the_pedestrian() -> None:

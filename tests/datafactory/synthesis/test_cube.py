@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from oracles import if_cube, relative_error
 
-from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
-from datafactory.synthesis.chirps import terms_for
+from datafactory.paths.table import SPECULAR, PathTable, ScatteredPaths, SpecularPaths
 from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.sorting import FLOAT32_TOLERANCE
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray, line
 from shared.radar.waveform import Waveform
-from shared.signal.sweep import shift_error_rms, shift_weights, shift_weights_error, sweep_positions
 
 # The tolerance is a promise; a second or two of hypothesis examples is enough to break a false one.
 PROPERTY = settings(max_examples=40)
@@ -56,27 +56,16 @@ def random_table(
     paths = ScatteredPaths.of_points(points(scattered), velocities(scattered), amplitudes(scattered))
     # Every second path bounces more than once: another point at the RX's end, and a length between.
     multiple = np.arange(scattered) % 2 == 1
-    paths = ScatteredPaths(
-        **{
-            **{name: getattr(paths, name) for name in paths.__dataclass_fields__},
-            "rx_point": np.where(multiple[:, None], points(scattered), paths.tx_point),
-            "rx_velocity": np.where(multiple[:, None], velocities(scattered), paths.tx_velocity),
-            "between_m": np.where(multiple, generator.uniform(0.0, 20.0, scattered), 0.0),
-            "between_rate_mps": np.where(multiple, speed * generator.uniform(-1.0, 1.0, scattered), 0.0),
-        }
+    paths = replace(
+        paths,
+        rx_point=np.where(multiple[:, None], points(scattered), paths.tx_point),
+        rx_velocity=np.where(multiple[:, None], velocities(scattered), paths.tx_velocity),
+        between_m=np.where(multiple, generator.uniform(0.0, 20.0, scattered), 0.0),
+        between_rate_mps=np.where(multiple, speed * generator.uniform(-1.0, 1.0, scattered), 0.0),
     )
-    return PathTable(
-        scattered=paths,
-        specular=SpecularPaths(
-            image=2.0 * points(specular),
-            image_velocity=velocities(specular),
-            axes=np.array([random_reflection(generator) for _ in range(specular)]).reshape(specular, 3, 3),
-            amplitude=amplitudes(specular),
-            depth=np.ones(specular, dtype=np.int8),
-            object_index=np.full(specular, -1, dtype=np.int32),
-            kinds=np.ones(specular, dtype=np.uint8),
-        ),
-    )
+    image, velocity, owner = 2.0 * points(specular), velocities(specular), np.full(specular, -1, dtype=np.int32)
+    axes = np.array([random_reflection(generator) for _ in range(specular)]).reshape(specular, 3, 3)
+    return PathTable(paths, SpecularPaths.of(image, velocity, axes, amplitudes(specular), owner, SPECULAR))
 
 
 def small_arrays() -> list[AntennaArray]:
@@ -140,13 +129,6 @@ def test_virtual_sensor_keeps_its_tolerance(tolerance, video_phase):
     assert relative_error(cube, if_cube(table, radar, radar.virtual_sensor)) <= tolerance
 
 
-@pytest.mark.parametrize("range_m", [0.3, 0.0749, 0.075, 9.5934, 9.594, 19.19, 150.0])
-def test_both_ends_of_the_range_axis(small_radar, range_m):
-    radar = small_radar(chirps=2)
-    table = PathTable(ScatteredPaths.of_points(np.array([[range_m, 0.0, 0.0]]), np.zeros((1, 3)), np.ones(1)))
-    assert relative_error(cube_of_paths(table, radar), if_cube(table, radar)) <= 1e-6
-
-
 def test_more_paths_than_a_chunk(small_radar):
     radar = small_radar(samples=32, chirps=2)
     table = random_table(np.random.default_rng(9), 301, 20, (1.0, 30.0), 40.0, 10.0)
@@ -171,29 +153,6 @@ def test_precision_follows_the_tolerance(small_radar):
     table = random_table(np.random.default_rng(4), 2, 0, (1.0, 9.0), 0.0, 0.0)
     assert cube_of_paths(table, radar, FLOAT32_TOLERANCE).dtype == np.complex64
     assert cube_of_paths(table, radar, 0.9 * FLOAT32_TOLERANCE).dtype == np.complex128
-
-
-@pytest.mark.parametrize("samples", [3, 64, 1024])
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
-def test_number_of_moments_is_the_least_that_serves(tolerance, samples):
-    nu, terms = sweep_positions(samples), terms_for(0.3, tolerance, samples)
-    assert shift_error_rms(nu, 0.3, terms) <= 0.8 * tolerance < shift_error_rms(nu, 0.3, terms - 2)
-
-
-@pytest.mark.parametrize("reach", [0.25, 0.4545, 1.0])
-@pytest.mark.parametrize(("terms", "taps"), [(6, 7), (8, 9), (12, 13)])
-def test_weights_on_the_grid_are_the_shift(reach, terms, taps):
-    # A shift by z bins is a sum of shifts by half bins; its error is the one that is foretold, and near its bound.
-    nu = sweep_positions(256)
-    gain, weights = shift_weights(nu, reach, terms, taps, 2)
-    z = np.random.default_rng(7).uniform(-reach, reach, 50)
-    shifts = np.exp(1j * np.pi * nu * (np.arange(taps) - taps // 2)[:, None])
-    approximate = gain * np.einsum("zp,jp,jn->zn", z[:, None] ** np.arange(terms), weights, shifts)
-    error = np.sqrt(np.mean(np.abs(approximate - np.exp(2j * np.pi * z[:, None] * nu)) ** 2, axis=1)).max()
-    foretold = shift_weights_error(nu, reach, gain, weights, 2)
-    assert 0.3 * foretold < error <= 1.02 * foretold
-    wide, many = shift_weights(nu, reach, terms, taps + 4, 2)
-    assert shift_weights_error(nu, reach, wide, many, 2) <= 1.02 * shift_error_rms(nu, reach, terms) + 1e-13
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 5e-7, 1e-9])

@@ -7,11 +7,10 @@ import pytest
 from numpy.typing import NDArray
 from oracles import if_cube, relative_error
 
-from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
+from datafactory.paths.table import SPECULAR, PathTable, ScatteredPaths, SpecularPaths
 from datafactory.synthesis.cube import cube_of_paths, cube_of_sorted
 from datafactory.synthesis.motion import centre, left_out, motion_of, reach_m
-from datafactory.synthesis.slow_time import LINE_OVERSAMPLING, applied, line_gain, line_weights
-from datafactory.synthesis.sorting import EXTRAS, ORDERS, PathsAlongLines, SortedPaths, line_sets, sorted_paths
+from datafactory.synthesis.sorting import ORDERS, PathsAlongLines, SortedPaths, line_sets, sorted_paths
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray, line, virtual_sensor_256
 from shared.radar.waveform import Waveform
@@ -37,19 +36,11 @@ def moving(count: int, speed: float, limits_m: tuple[float, float], seed: int = 
     def phases(number: int) -> np.ndarray:
         return np.exp(2j * np.pi * generator.uniform(size=number))
 
-    specular = max(1, count // 4)
-    return PathTable(
-        ScatteredPaths.of_points(points(count), speed * generator.uniform(-1.0, 1.0, (count, 3)), phases(count)),
-        SpecularPaths(
-            image=2.0 * points(specular),
-            image_velocity=speed * generator.uniform(-1.0, 1.0, (specular, 3)),
-            axes=np.tile(np.diag([-1.0, 1.0, 1.0]), (specular, 1, 1)),
-            amplitude=phases(specular),
-            depth=np.ones(specular, dtype=np.int8),
-            object_index=np.zeros(specular, dtype=np.int32),
-            kinds=np.ones(specular, dtype=np.uint8),
-        ),
-    )
+    scattered = ScatteredPaths.of_points(points(count), speed * generator.uniform(-1.0, 1.0, (count, 3)), phases(count))
+    some = max(1, count // 4)
+    image, velocity = 2.0 * points(some), speed * generator.uniform(-1.0, 1.0, (some, 3))
+    axes, owner = np.tile(np.diag([-1.0, 1.0, 1.0]), (some, 1, 1)), np.zeros(some, dtype=np.int32)
+    return PathTable(scattered, SpecularPaths.of(image, velocity, axes, phases(some), owner, SPECULAR))
 
 
 def along_lines(paths: PathTable, radar: Radar, tolerance: float, intra_chirp: bool = False) -> int:
@@ -133,12 +124,6 @@ def test_the_switch_leaves_no_seam(tolerance):
     assert relative_error(spread, exactly) < tolerance
 
 
-def orders_of(paths: PathTable, radar: Radar, tolerance: float) -> int:
-    """Separable terms of a single path; 0 where it does not go along lines."""
-    lines = sorted_paths(paths, radar, tolerance, radar.array, intra_chirp=False).lines
-    return lines[0].orders if lines else 0
-
-
 def errors_and_bounds(
     distance: float,
     velocity: tuple[float, float, float],
@@ -173,34 +158,10 @@ def test_every_order_stays_within_its_bound(intra_chirp, multiplexing):
         # The bound is no empty promise: what an order adds is seen.
         assert found[0] > 3.0 * found[1] > 3.0 * found[2]
         assert found[0] > 0.1 * bounds[0]
-
-
-@pytest.mark.parametrize("intra_chirp", [False, True], ids=["frozen", "within the chirp"])
-def test_without_the_elements_own_curvature_the_bound_says_what_is_missed(intra_chirp):
-    """The third order's error is then that curvature's, and a tenth of its bound or more."""
-    radar = radar_of(samples=64, chirps=64, array=Radar().array)
-    for distance, velocity in ((6.0, (-3.0, 4.0, 0.0)), (9.0, (-6.0, 9.0, 0.0)), (60.0, (10.0, -20.0, 5.0))):
+        # Without the elements' own curvature the third order's error is that curvature's, a tenth of its bound or more.
         found, bounds = errors_and_bounds(distance, velocity, radar, 1e-6, intra_chirp, close=False)
         assert all(found <= bounds + 1e-6)
         assert found[-1] > 0.1 * bounds[-1]
-
-
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-6])
-def test_the_switch_between_orders_leaves_no_seam(tolerance):
-    radar = radar_of(samples=64, chirps=64)
-    wanted = orders_of(one_path(0.4), radar, tolerance), orders_of(one_path(5e4), radar, tolerance)
-    assert wanted == (0, 1)
-    met = set()
-    for fewest in (1, 2):
-        near, far = 0.4, 5e4
-        while np.nextafter(near, far) < far:
-            middle = 0.5 * (near + far)
-            reached = 0 < orders_of(one_path(middle), radar, tolerance) <= fewest
-            near, far = (near, middle) if reached else (middle, far)
-        met |= {orders_of(one_path(near), radar, tolerance), orders_of(one_path(far), radar, tolerance)}
-        before, after = (cube_of_paths(one_path(distance), radar, tolerance) for distance in (near, far))
-        assert relative_error(after, before) < tolerance
-    assert {1, 2} < met
 
 
 def test_few_of_a_street_at_speed_go_by_chirps():
@@ -241,22 +202,3 @@ def test_threads_and_turns_do_not_change_the_bytes(monkeypatch):
     monkeypatch.setattr("datafactory.synthesis.frame_lines.GRID_BYTES", 1.0)
     turns = cube_of_paths(paths, radar, 1e-4)
     assert relative_error(turns, one) < 1e-6
-
-
-@pytest.mark.parametrize("error", [4e-4, 4e-5, 4e-7])
-def test_line_weights_reproduce_slow_signals(error):
-    half = 0.5032
-    eta = np.linspace(-half, half, 201)
-    first = line_weights(EXTRAS[0], error, half)
-    assert first is not None
-    for extra in EXTRAS:
-        weights = line_weights(extra, error, half, first.taps)
-        if weights is None:
-            assert extra > 1.0  # only the widest sets may be beyond float32
-            continue
-        offset = (np.arange(weights.taps) - 0.5 * (weights.taps - 1)) / LINE_OVERSAMPLING
-        lines = line_gain(eta, first.taps)[:, None] * np.exp(2j * np.pi * eta[:, None] * offset)
-        for tone, curvature in ((0.3 + extra, 0.0), (0.1, extra), (-0.3, 0.7 * extra), (0.0, 0.0)):
-            phases = [np.exp(2j * np.pi * (tone * x + curvature * x**2)) for x in (eta, weights.node)]
-            made = lines @ applied(weights, phases[1][:, None])[:, 0]
-            assert np.sqrt(np.mean(np.abs(made - phases[0]) ** 2)) <= 1.3 * error

@@ -8,12 +8,14 @@ and 1 to 3 m, -44 dB at 30 m/s and 3 to 9 m.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from oracles import truth_rows
 
-from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
+from datafactory.paths.table import SPECULAR, PathTable, ScatteredPaths, SpecularPaths
 from datafactory.synthesis.truth import truth_moments
 from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AntennaArray, line
@@ -120,14 +122,9 @@ def test_specular_paths(speed, bound_db):
     radar = radar_of(128, 60, chirps=32 if speed else 4)
     normal = points(generator, COUNT, (1.0, 1.0))
     image = 2.0 * points(generator, COUNT, (3.0, 8.0))
-    specular = SpecularPaths(
-        image=image,
-        image_velocity=speed * generator.uniform(-1.0, 1.0, (COUNT, 3)),
-        axes=np.eye(3) - 2.0 * normal[:, :, None] * normal[:, None, :],
-        amplitude=phasors(generator, COUNT),
-        depth=np.ones(COUNT, dtype=np.int8),
-        object_index=np.zeros(COUNT, dtype=np.int32),
-        kinds=np.ones(COUNT, dtype=np.uint8),
+    velocity, axes = speed * generator.uniform(-1.0, 1.0, (COUNT, 3)), normal[:, :, None] * normal[:, None, :]
+    specular = SpecularPaths.of(
+        image, velocity, np.eye(3) - 2.0 * axes, phasors(generator, COUNT), np.zeros(COUNT, dtype=np.int32), SPECULAR
     )
     paths = PathTable(scattered(generator, 2, (3.0, 8.0), speed), specular)
     cells = nearest_cells(specular.as_scattered(np.zeros(3)), radar)
@@ -139,17 +136,12 @@ def test_multiple_bounces(speed, bound_db):
     generator = np.random.default_rng(15)
     radar = radar_of(128, 60, chirps=32 if speed else 4)
     at_tx, at_rx = scattered(generator, COUNT, (1.5, 4.0), speed), scattered(generator, COUNT, (1.5, 4.0), speed)
-    paths = ScatteredPaths(
-        tx_point=at_tx.tx_point,
+    paths = replace(
+        at_tx,
         rx_point=at_rx.rx_point,
-        tx_velocity=at_tx.tx_velocity,
         rx_velocity=at_rx.rx_velocity,
         between_m=generator.uniform(3.0, 7.0, COUNT),
         between_rate_mps=speed * generator.uniform(-1.0, 1.0, COUNT),
-        amplitude=at_tx.amplitude,
-        depth=np.full(COUNT, 2, dtype=np.int8),
-        object_index=at_tx.object_index,
-        kinds=at_tx.kinds,
     )
     assert error_db(PathTable(paths), radar, nearest_cells(paths, radar), range(16, 58, 4)) < bound_db
 
@@ -207,18 +199,6 @@ def test_an_on_grid_target_reads_its_amplitude():
     image = np.abs(image_of(paths, radar, np.full(45, 16)))
     assert np.unravel_index(image.argmax(), image.shape) == (30, 23)
     assert image.max() == pytest.approx(0.5, rel=1e-3)
-
-
-def test_moments_add_and_repeat():
-    radar = radar_of(64, 30)
-    paths = scattered(np.random.default_rng(17), 8, (1.0, 4.0), 3.0)
-    cells = np.random.default_rng(18).integers(0, 32, 30)
-    whole = truth_moments(PathTable(paths), radar, cells)
-    assert whole.tobytes() == truth_moments(PathTable(paths), radar, cells).tobytes()
-    halves = truth_moments(PathTable(paths.take(np.arange(4))), radar, cells)
-    halves = halves + truth_moments(PathTable(paths.take(np.arange(4, 8))), radar, cells)
-    # The Doppler expansion may take fewer terms for half of the paths, each within -50 dB of its own path.
-    assert np.abs(whole - halves).max() < 10.0 ** (MOVING_DB / 20.0) * np.abs(whole).max()
 
 
 def test_an_empty_table_is_a_dark_image():

@@ -100,15 +100,6 @@ def test_a_leg_that_does_not_end_where_the_other_begins_is_not_drawn():
     assert (shown.paths, shown.not_drawn, shown.found[SEVERAL]) == ((), 1, 1)
 
 
-def test_a_mirror_sends_the_wave_back():
-    table = PathTable(
-        scattered([1.0, 0.0, 0.0], [1.0, 0.0, 0.0], DIFFUSE).take(np.zeros(0, int)), specular([20, 0, 0], 1)
-    )
-    np.testing.assert_allclose(
-        only_line(table, (AHEAD,)), [[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [0.0, 0.0, 0.0]], atol=FLOAT32_M
-    )
-
-
 def test_two_mirrors_by_reflections_of_the_origin():
     """Walls that meet at 75 deg in (12, 6): the sensor's image in one, and of that in the other (Householder)."""
     edge, angle = np.array([12.0, 6.0, 0.0]), np.radians(-165.0)
@@ -164,23 +155,6 @@ def test_every_kind_has_its_share_and_the_strongest_take_the_rest():
     }  # fmt: skip
     assert chosen.tolist()[:40] == list(range(40))
     assert len(strongest(level[:3], kinds[:3], 50)) == 3
-
-
-def test_rays_meet_what_stands_nearest():
-    met = caster(AHEAD, wall((5.0, 2.0), (0.0, 1.0), 3.0)).cast(
-        np.array([[0.0, 0.0, 0.0], ORIGIN, [20.0, 0.0, 0.0], [0.0, 0.0, 0.0]]),
-        np.array([[1.0, 0.0, 0.0], [0.8, 0.6, 0.0], [-1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]),
-    )
-    np.testing.assert_allclose(met.distance, [10.0, 6.25, 10.0, np.inf], rtol=1e-6)
-    assert met.mesh.tolist() == [0, 1, 0, -1]
-    np.testing.assert_allclose(met.normal, [[-1, 0, 0], [-1, 0, 0], [1, 0, 0], [0, 0, 0]], atol=1e-6)
-
-
-def test_without_meshes_and_without_paths_there_is_nothing():
-    empty = RayCaster(MergedScene((), ()), Pose((0.0, 0.0, 0.0)))
-    assert not np.isfinite(empty.cast(np.zeros((2, 3)), np.eye(3)[:2]).distance).any()
-    none = scattered([1, 0, 0], [1, 0, 0], DIFFUSE).take(np.zeros(0, int))
-    assert shown_paths(PathTable(none), empty, NO_TARGETS).paths == ()
 
 
 def test_scattered_paths_and_mirrors_stand_in_one_list():

@@ -1,9 +1,10 @@
-"""``datafactory view``: what the page is told, the pictures, the frames it looks at, and what it refuses."""
+"""``datafactory view`` and cameras beside radar images: what pages are told, pictures, the frames they look at."""
 
 from __future__ import annotations
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -12,16 +13,27 @@ from matplotlib.image import imread
 from prepared_scenes import EFFECT_SCENES, SCENES, prepared_scene
 from typer.testing import CliRunner
 
-from datafactory.api.making import trace
+from datafactory.api.asking import load_scene
+from datafactory.api.making import render, trace
 from datafactory.api.viewing import view
 from datafactory.cli.app import app
 from datafactory.frame.deal import PreparedScene
 from datafactory.paths.merged_scene import MergedMesh, MergedScene
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose, read_poses
-from datafactory.view.camera import ABOVE_M, ABOVE_PIXELS_A_METRE, FIELD_DEG, above_picture, camera_picture
+from datafactory.view.camera import (
+    ABOVE_M,
+    ABOVE_PIXELS_A_METRE,
+    FIELD_DEG,
+    HEIGHT,
+    WIDTH,
+    Cameras,
+    above_picture,
+    camera_picture,
+)
 from datafactory.view.page import page_data, view_page
-from datafactory.view.subject import Subject, material_colour
+from datafactory.view.subject import Subject
+from shared.dataset.folder import open_dataset, verify
 from shared.physics.errors import InputError
 from shared.radar import load_radar
 
@@ -118,17 +130,6 @@ def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, arguments: list[objec
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_camera_sees_the_wall_ahead_and_the_sky_above_it() -> None:
-    """The wall's face stands at x = 60 m; a sensor before it that looks up or away sees something else."""
-    concrete = np.array(material_colour("concrete"))
-    ahead = camera_picture(subject(EFFECT_SCENES / "wall.usda", Pose((50.0, 0.0, 0.5))), 64, 32)
-    away = camera_picture(subject(EFFECT_SCENES / "wall.usda", Pose((50.0, 0.0, 0.5), yaw_deg=180.0)), 64, 32)
-    assert ahead.shape == (32, 64, 3)
-    assert np.ptp(ahead[14:18, 30:34].astype(float), axis=(0, 1)).max() < 4.0
-    assert (np.abs(ahead[16, 32] - concrete.astype(float)) < 0.2 * concrete).all()
-    assert not np.array_equal(away[8, 32], ahead[16, 32])
-
-
 def test_pictures_show_things_where_they_are() -> None:
     """A plate 10 m ahead, 2 to 4 m to the left, 0 to 2 m up: a pinhole's columns and rows, and a map's."""
     corners = np.array([[10.0, 2.0, 0.0], [10.0, 4.0, 0.0], [10.0, 4.0, 2.0], [10.0, 2.0, 2.0],
@@ -172,3 +173,88 @@ def test_each_thing_that_moves_has_one_arrow() -> None:
     assert len(names) == len(set(names)) < 25
     assert names[-1] == "sensor"
     assert movers[-1][2] == pytest.approx((3.0, 4.0, 0.0))
+
+
+POSES = (Pose((0.0, 0.0, 0.5)), Pose((0.5, 0.0, 0.6), 30.0, -10.0, 5.0, (1.0, 0.0, 0.0), 0.5))
+SHORT = "[waveform]\nsamples = 128\nchirps = 16\nrange_bins = 64\n"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two frames of a copy of the tiny scene, and one of point targets."""
+    folder = tmp_path_factory.mktemp("cameras")
+    (folder / "radar.toml").write_text(SHORT, encoding="utf-8")
+    shutil.copy(SCENES / "tiny.usda", folder / "tiny.usda")
+    steps: list[tuple[str, int, int]] = []
+    render(
+        folder / "tiny.usda", folder / "with", radar=folder / "radar.toml", poses=POSES, points=1, rays=2000,
+        effects="all", split="1:0:0", camera=True, progress=lambda *step: steps.append(step),
+    )  # fmt: skip
+    assert steps[-3:] == [("camera pictures", done, 2) for done in range(3)]
+    return folder
+
+
+def test_every_scene_frame_has_a_picture_and_the_shards_are_the_same(folder: Path) -> None:
+    pictures = sorted((folder / "with" / "camera").iterdir())
+    assert [path.name for path in pictures] == ["frame-000000.png", "frame-000001.png"]
+    seen = [imread(path)[..., :3] for path in pictures]
+    assert all(picture.shape == (HEIGHT, WIDTH, 3) for picture in seen)
+    assert np.abs(seen[0] - seen[1]).mean() > 0.01
+    scene = load_scene(folder / "tiny.usda")
+    render(
+        scene, folder / "without", radar=str(folder / "radar.toml"), poses=POSES, points=1, rays=2000, effects="all",
+        split="1:0:0",
+    )  # fmt: skip
+    part = Path("train/part-00000.parquet")
+    assert (folder / "with" / part).read_bytes() == (folder / "without" / part).read_bytes()
+    assert verify(open_dataset(folder / "with")) == []
+
+
+def test_a_frame_is_seen_from_its_pose_at_its_time(folder: Path) -> None:
+    dataset = open_dataset(folder / "with")
+    cameras = Cameras(dataset)
+    frames = list(dataset.frames("train", columns=()))
+    for frame, pose in zip(frames, POSES, strict=False):
+        subject = cameras.subject(frame)
+        assert subject is not None
+        assert subject.pose.position == pose.position
+        assert subject.pose.time_s == pose.time_s
+        np.testing.assert_allclose(subject.pose.rotation(), pose.rotation(), atol=1e-12)
+    assert cameras.subject(frames[2]) is None  # of point targets
+
+
+def test_inspect_draws_what_was_written_or_makes_it(folder: Path) -> None:
+    drawn = {}
+    for name, more in (("stored", []), ("made", ["--camera"]), ("none", [])):
+        if name == "made":
+            (folder / "with" / "camera").rename(folder / "put-away")
+        arguments = ["inspect", str(folder / "with"), "--frames", "3", "--out", str(folder / name), *more]
+        assert CliRunner().invoke(app, arguments, catch_exceptions=False).exit_code == 0
+        drawn[name] = [path.read_bytes() for path in sorted((folder / name).glob("frame-*.png"))]
+    (folder / "put-away").rename(folder / "with" / "camera")
+    assert drawn["stored"] == drawn["made"]
+    assert drawn["none"][0] != drawn["stored"][0]
+    assert drawn["none"][2] == drawn["stored"][2]  # point targets have no scene to look at
+
+
+def test_a_scene_that_has_changed_is_not_shown(folder: Path) -> None:
+    before = (folder / "tiny.usda").read_text(encoding="utf-8")
+    (folder / "tiny.usda").write_text((SCENES / "street.usda").read_text(encoding="utf-8"), encoding="utf-8")
+    dataset = open_dataset(folder / "with")
+    frame = next(iter(dataset.frames("train", columns=())))
+    with pytest.raises(InputError, match="is not the scene that was rendered"):
+        Cameras(dataset).subject(frame)
+    (folder / "tiny.usda").write_text(before, encoding="utf-8")
+
+
+def test_frames_of_traced_paths_have_the_pictures_of_frames_of_the_scene(folder: Path, tmp_path: Path) -> None:
+    radar = folder / "radar.toml"
+    trace(folder / "tiny.usda", tmp_path / "paths", radar=radar, poses=POSES, rays=2000, effects="all", split="1:0:0")
+    steps: list[tuple[str, int, int]] = []
+    render(
+        None, tmp_path / "data", paths=tmp_path / "paths", radar=radar, camera=True,
+        progress=lambda *step: steps.append(step),
+    )  # fmt: skip
+    assert steps[-3:] == [("camera pictures", done, 2) for done in range(3)]
+    for name in ("frame-000000.png", "frame-000001.png"):
+        assert (tmp_path / "data/camera" / name).read_bytes() == (folder / "with/camera" / name).read_bytes()

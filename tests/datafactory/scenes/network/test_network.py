@@ -21,8 +21,6 @@ from shared.physics.errors import InputError
 
 pytest.importorskip("sumo", reason="SUMO is not installed: pip install 'sparseradar-datafactory[opendrive]'")
 
-TOWN = Path(__file__).resolve().parents[5] / "shared" / "data" / "opendrive" / "Town07.xodr"
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -155,18 +153,6 @@ def test_openstreetmap_goes_the_same_way(folder: Path) -> None:
     assert done.exit_code == 0, done.output
     lower, upper = open_scene(str(out)).bounds()
     assert (upper - lower)[:2].max() > 250.0
-
-
-def test_a_window_of_a_town(tmp_path: Path) -> None:
-    if not TOWN.is_file():
-        pytest.skip("Town07.xodr is not here")
-    out = tmp_path / "town.usda"
-    write_town(out, TOWN, "opendrive", 0, Style.SUBURB, (-100.0, 60.0), 120.0)
-    scene = open_scene(str(out))
-    assert 5_000 < scene.triangle_count < 150_000
-    names = [item.name for item in scene.objects]
-    assert sum(name.startswith("/World/Houses") for name in names) > 5
-    assert sum(item.moves for item in scene.objects) > 3
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from solids import Shape, Standing, containing, intersecting
 from town_scenes import two_blocks
 
 from datafactory.frame.deal import Deal
-from datafactory.scenes.boxes import Movers, Traffic
+from datafactory.scenes.boxes import CLEAR_M, Movers, Traffic
 from datafactory.scenes.city.city import city
 from datafactory.scenes.city.rules import Style
 from datafactory.scenes.city.usd import write_usd
@@ -41,6 +41,8 @@ TWO_SECONDS = Drives(seconds=2.0, rate_hz=5.0)
 LANE_M = 3.5
 """From the middle of a road of two lanes to the outer end of either."""
 NARROWEST_KERB_M = 2.4
+OPEN_M = 1.0
+"""So far the boresight is open: further than anything that would blind the radar."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,10 +122,14 @@ def sensors_are_within_nothing(item: Populated) -> None:
     deal = Deal(seed=3, scenes=1, frames=16, grounds=(ground,), traffic=(Traffic.of(item.scene),))
     drawn = [deal.frame(number).where for number in range(16)]
     assert len({pose.time_s for pose in drawn}) == 16
+    assert all(0.0 <= pose.time_s < HORIZON_S for pose in drawn)
+    assert Movers(item.scene).clear_of(drawn, CLEAR_M)
     drive = draw_drive(ground, Movers(item.scene), "train", TWO_SECONDS, np.random.default_rng(4))
     assert len(drive) == 10
     for pose in (*drawn, *drive):
-        assert containing(item.standing(pose.time_s), pose.position) == [], pose
+        standing, ahead = item.standing(pose.time_s), pose.rotation()[:, 0]
+        for metres in np.linspace(0.0, OPEN_M, 5):
+            assert containing(standing, np.asarray(pose.position) + metres * ahead) == [], pose
 
 
 def of_its_road(population: Population, thing: Thing, time_s: float) -> tuple[float, float, float]:
@@ -142,6 +148,8 @@ def lanes_are_kept(item: Populated) -> None:
         assert np.ptp(left) < 0.01, thing.name
         assert np.ptp(ahead) < 1e-6, thing.name
         assert np.abs(aside).max() < 1e-6, thing.name
+        speed = thing.at(12.0)[1]
+        assert thing.axes[0] @ speed == pytest.approx(np.linalg.norm(speed), rel=1e-6)  # it looks where it goes
         near, far = abs(left[0]) - 0.5 * thing.size_m[1], abs(left[0]) + 0.5 * thing.size_m[1]
         if thing.label == "pedestrian":
             assert near > NARROWEST_KERB_M, thing.name
