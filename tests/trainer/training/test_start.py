@@ -16,6 +16,7 @@ from trainer.run.configuration import FitConfig
 from trainer.run.folder import WEIGHTS, load_imager, read_run
 from trainer.run.imager import Imager
 from trainer.run.pretrained import pretrained_run
+from trainer.training.fit import FURTHER_RATE
 from trainer.training.start import SHIPPED, begin_with, shipped_start
 
 BOARD = load_radar("avr-qdm-110")
@@ -97,6 +98,18 @@ def test_a_network_that_is_told_the_motion_begins_with_weights_of_one_that_is_no
     result, _ = run(drive, tmp_path / "run", config, start=SHIPPED)
     assert result.config.told == 0.5
     assert load_imager(tmp_path / "run")[1].network.get_parameter("prior.weight").any()
+
+
+@pytest.mark.parametrize(
+    ("stated", "start", "rate"),
+    [({}, SHIPPED, FURTHER_RATE), ({}, None, 1e-3), ({"learning_rate": 1e-3}, SHIPPED, 1e-3)],
+)
+def test_further_training_is_gentler_unless_told(dataset, tmp_path, shipped, stated, start, rate):
+    fields = TINY.model_dump(exclude_unset=True)
+    del fields["learning_rate"]
+    config = FitConfig.model_validate(fields | stated)
+    result, _ = run(dataset, tmp_path / "run", config, start=start)
+    assert result.config.learning_rate == rate
 
 
 def test_a_run_from_none_is_resumed_as_such(dataset, tmp_path, shipped):

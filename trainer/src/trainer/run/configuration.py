@@ -124,7 +124,8 @@ class FitConfig(BaseModel):
     :param batch: frames of one forward pass, on each device
     :param accumulate: batches of one optimiser step
     :param steps: optimiser steps of the whole run
-    :param learning_rate: peak of the schedule, a warm-up followed by a half cosine
+    :param learning_rate: peak of the schedule, a warm-up followed by a half cosine; a fifth of the default where
+        a run begins with the weights of another and none is stated
     :param weight_decay: of AdamW
     :param clip: largest norm of the gradient
     :param rows: range bins of a training crop, 0 for whole images; snapshots of one online sample of the "doa-cnn"

@@ -63,6 +63,15 @@ DEVELOPER_ADVICE = (
 """Warnings of Lightning that no user of this package can act on."""
 
 
+FURTHER_RATE = 2e-4
+"""Learning rate of training that begins with the weights of a run, where none is stated.
+
+From the shipped weights, on the 60 frames of ``make dataset``, the average precision of its ten test frames changes by
++0.006 (-0.007 to +0.021), with the rate of random weights by -0.018 (-0.041 to +0.014): ``trainer fit build/dataset
+--learning-rate 1e-3 --out build/run``.
+"""
+
+
 @dataclass(frozen=True)
 class FitRequest:
     """What is trained on what, and where it is kept.
@@ -154,13 +163,16 @@ def _start_of(request: FitRequest, data: ImagingData) -> tuple[Path | None, str]
     return shipped_start(_config_of(request, data), data.radar, choose_array(request.array, data.radar))
 
 
-def _config_of(request: FitRequest, data: ImagingData) -> FitConfig:
-    return request.config.model_copy(update={"truth_window": data.truth_window})
+def _config_of(request: FitRequest, data: ImagingData, start: Path | None = None) -> FitConfig:
+    changes: dict[str, object] = {"truth_window": data.truth_window}
+    if start is not None and "learning_rate" not in request.config.model_fields_set:
+        changes["learning_rate"] = FURTHER_RATE
+    return request.config.model_copy(update=changes)
 
 
 def _run_of(request: FitRequest, data: ImagingData, start: Path | None) -> Run:
     return Run(
-        config=_config_of(request, data),
+        config=_config_of(request, data, start),
         radar=data.radar,
         array=choose_array(request.array, data.radar),
         datasets=data.fingerprints,
