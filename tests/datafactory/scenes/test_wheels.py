@@ -1,4 +1,4 @@
-"""Rolling wheels: their kinematics, the Doppler spectrum of what they send back, which of them a radar sees, and how files and scenes ask for them."""
+"""Rolling wheels: kinematics, Doppler spectrum, which of them a radar sees, how files and scenes ask for them."""
 
 from __future__ import annotations
 
