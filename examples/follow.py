@@ -53,22 +53,22 @@ def main(
         strongest = f"{found.range_m[0]:6.2f} m, u = {found.u[0]:+.3f}" if len(found) else "nothing"
         print(f"frame {number:3}: {len(found):4} points, strongest at {strongest}, {1e3 * late[-1]:.0f} ms late")
     if len(late) > 1:
-        rate, middle = len(late) / (time.monotonic() - began - patience), 1e3 * np.median(late[1:])
-        print(f"{rate:.2f} frames/s, {skipped} skipped, {middle:.0f} ms late in the middle")
+        passed, middle = time.monotonic() - began - patience, 1e3 * np.median(late[1:])
+        print(f"{len(late) / passed:.2f} frames/s, {skipped} skipped, {middle:.0f} ms late in the middle")
 
 
 def growing(file: Path, radar: Radar, patience_s: float) -> Iterator[tuple[int, np.ndarray, float]]:
     """(number, cube, when it was found whole) of the newest frame of a file, each at most once."""
     shape = radar.waveform.chirps, radar.waveform.samples, radar.array.channels
-    size, following, last = 8 * int(np.prod(shape)), 0, time.monotonic()
+    size, seen, last = 8 * int(np.prod(shape)), 0, time.monotonic()
     while time.monotonic() - last < patience_s:
         whole = file.stat().st_size // size if file.exists() else 0
-        if whole <= following - 1 or whole == 0:
+        if whole <= seen:
             time.sleep(0.01)
             continue
-        number, last = whole - 1, time.monotonic()
-        yield number, np.fromfile(file, np.complex64, size // 8, offset=number * size).reshape(shape), last
-        following, last = whole + 1, time.monotonic()
+        found_at, seen = time.monotonic(), whole
+        yield whole - 1, np.fromfile(file, np.complex64, size // 8, offset=(whole - 1) * size).reshape(shape), found_at
+        last = time.monotonic()
 
 
 def play(file: Path, radar: Radar, frames: int, rate: float) -> None:

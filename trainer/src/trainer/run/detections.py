@@ -40,7 +40,7 @@ from trainer.run.false_alarms import first_line_probability
 CANDIDATES = 6
 """Peaks of a row's score that its fit begins with: the fit adds what is missing and drops what is needless."""
 FALSE_ALARMS = 1.0
-"""Expected lines of a frame of noise alone, at most."""
+"""Expected lines of a frame of noise alone, by :mod:`trainer.run.false_alarms`."""
 HEARD_SHARE = 0.5
 """Of the threshold of a group: a cell that holds less of its own is no centre. Half-way between bins, and between
 Doppler cells, a target loses 1.4 dB to the Hann window: both together are less than this half."""
@@ -99,7 +99,7 @@ class Sought:
 
     :param noise_power: of one channel and cell [W]
     :param model_error_db: see :func:`trainer.estimators.fitting.fit_lines`
-    :param false_alarms: expected lines of a frame of noise alone, at most
+    :param false_alarms: expected lines of a frame of noise alone
     """
 
     noise_power: float

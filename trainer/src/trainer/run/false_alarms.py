@@ -30,6 +30,8 @@ from trainer.estimators.fitting import line_threshold
 
 LEAST_PROBABILITY, MOST_PROBABILITY = 1e-12, 0.5
 """Between which the answer is sought; beyond, the nearer one serves."""
+QUADRATURE = 40
+"""Points of the expectation over e (Gauss and Laguerre)."""
 
 
 def first_line_probability(lines: float, radar: Radar, array: LineArray, chosen_share: float) -> float:
@@ -56,6 +58,6 @@ def chosen_probability(threshold: float, channels: int, share: float) -> float:
     """That a cell is chosen whose line takes more than ``threshold`` times the noise of one channel."""
     if share >= 1.0:
         return 1.0
-    beyond, weights = np.polynomial.laguerre.laggauss(40)
+    beyond, weights = np.polynomial.laguerre.laggauss(QUADRATURE)
     rest = np.maximum(gammainccinv(channels, share) - threshold - beyond, 0.0)
     return float(weights @ np.where(rest > 0.0, gammaincc(max(channels - 1, 1e-9), rest), 1.0))

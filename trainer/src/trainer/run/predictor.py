@@ -35,7 +35,7 @@ from trainer.run.pretrained import pretrained_names, pretrained_run
 class PointsRequest:
     """Which points are listed.
 
-    :param false_alarms: expected lines of a frame of noise alone, at most
+    :param false_alarms: expected lines of a frame of noise alone
     :param cells: "peaks", the three Doppler peaks of every range bin, or "all", of a cube: see :mod:`trainer.data.cfar`
     :raises InputError: values out of range
     """
