@@ -13,7 +13,8 @@ sample n of a capture by
 
 with d the bins from the reference channel's peak, S and f slope and sample rate of the capture, S_c and f_c those of
 the file. Gains are left as they are. Limits: d is whole, so that a delay is known to half
-a bin; the file does not say its carrier.
+a bin; the file does not say its carrier, nor the reflector's range, whose curved wave front these phases make flat:
+the lines of a capture are then fitted with a curvature that is wrong by that of the reflector.
 """
 
 from __future__ import annotations

@@ -42,9 +42,7 @@ def predict(
     points_format: Annotated[
         str, typer.Option(help="Of the list: parquet, the column alone; csv or pcd, files for other tools as well.")
     ] = "parquet",
-    false_alarms: Annotated[
-        float, typer.Option(help="Of the list: expected lines of a frame of noise alone, at most.")
-    ] = 1.0,
+    false_alarms: Annotated[float, typer.Option(help="Of the list: expected lines of a frame of noise alone.")] = 1.0,
     cells: Annotated[
         str,
         typer.Option(help="Of the list: peaks, three of a range bin; all, of a cube, what passes OS-CFAR."),

@@ -154,17 +154,8 @@ def of_cube(
     noise_power = cell_noise_power(radar) if capture is None else capture.noise_power
     channels, velocity, centre = _cells(found.cube[frame], radar, noise_power, cells)
     name = name if len(found.cube) == 1 else f"{name}-{frame:06d}"
-    return Measurement(
-        name,
-        frame if number is None else number,
-        channels,
-        velocity,
-        noise_power,
-        None,
-        _model_error_db(capture),
-        motion,
-        centre,
-    )
+    frame_id, error_db = frame if number is None else number, _model_error_db(capture)
+    return Measurement(name, frame_id, channels, velocity, noise_power, None, error_db, motion, centre)
 
 
 def _model_error_db(capture: Capture | None) -> float:

@@ -26,14 +26,11 @@ UNITS = {
     "doppler_cell": "index on the rising velocity axis",
 }  # fmt: skip
 """Of the fields of a detection, in their order."""
-DETECTION = pa.struct(
-    [
-        pa.field(
-            name, pa.int64() if name == "doppler_cell" else pa.float64(), nullable=name in ("probability", "moving")
-        )
-        for name in UNITS
-    ]
-)
+KINDS = {"doppler_cell": pa.int64()}
+"""Of those that are no numbers of double precision."""
+DETECTION = pa.struct([
+    pa.field(name, KINDS.get(name, pa.float64()), nullable=name in ("probability", "moving")) for name in UNITS
+])  # fmt: skip
 COLUMN = pa.field("detections", pa.list_(pa.field("element", DETECTION, nullable=False)), nullable=False)
 """list<struct<range, u, velocity, amplitude_db, u_std, probability, range_std, velocity_std, moving, doppler_cell>>,
 strongest first."""

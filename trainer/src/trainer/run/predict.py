@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -114,7 +114,7 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
         if said := statement(answer.radar):
             announce(said)
         lists: list[tuple[int, Detections]] = []
-        drawn: Future[None] | None = None
+        headless, drawn = False, None
         with (
             atomic(out / IMAGES) as partial,
             pq.ParquetWriter(partial, schema, compression="lz4") as writer,
@@ -127,6 +127,7 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
                     "image": _row(found.image, schema.field("image").type),
                     "velocity": _row(found.velocity, schema.field("velocity").type),
                 }
+                headless = request.points and found.headless and request.method is None
                 if found.points is not None:
                     row["detections"] = column(found.points)
                     row["motion"] = motion_column(found.measurement.motion)
@@ -148,7 +149,7 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
             from trainer.run.pictures import ANIMATION, save_animation
 
             save_animation(out / IMAGES, out / ANIMATION)
-    if request.points and isinstance(answer, NetworkAnswer) and not answer.imager.config.detection:
+    if headless:
         announce(f"{request.run} has no detection head: the detections' probability is null")
     if motions.estimated:
         announce(str(motions))

@@ -58,12 +58,14 @@ class Prediction:
     :param image: [R, U] the maximum over its Doppler peaks
     :param velocity: [R, U] of the peak that has it [m/s]
     :param points: None where none were asked for
+    :param headless: the method gives no probability of a target
     """
 
     measurement: Measurement
     image: NDArray[np.float32]
     velocity: NDArray[np.float32]
     points: Detections | None
+    headless: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +129,7 @@ class Predictor:
                 measurement.centre,
             )
             points = with_moving(points, measurement.motion, self.answer.radar)
-        return Prediction(measurement, *merge_peaks(images, measurement.velocity), points)
+        return Prediction(measurement, *merge_peaks(images, measurement.velocity), points, probability is None)
 
 
 def merge_peaks(
