@@ -20,6 +20,7 @@ from shared.pictures import COLOUR_MAP, draw_levels, level_db
 from shared.signal.imaging import delay_and_sum
 from shared.signal.spectrum import range_doppler, select_doppler
 from trainer import estimators
+from trainer.data.measurements import Cells
 from trainer.run.detections import Sought, find_detections
 
 CLEAR_DB = 20.0
@@ -92,7 +93,8 @@ image = np.abs(delay_and_sum(selection.range_channel[0], radar))
 line = estimators.line_array(radar, radar.array.azimuth_channels)
 estimator = estimators.ESTIMATORS["likes"]()
 sharp = np.stack([estimator.image(rows, line, radar.grid.u, frame.noise_power) for rows in selection.range_channel])
-found = find_detections(sharp, None, selection.range_channel, velocity, radar, line, Sought(frame.noise_power))
+cells = Cells(selection.range_channel, velocity)
+found = find_detections(sharp, None, cells, radar, line, Sought(frame.noise_power))
 print(f"{len(found)} targets; the strongest:")
 for index in range(min(len(found), 8)):
     x = found.range_m[index] * np.sqrt(1.0 - found.u[index] ** 2)

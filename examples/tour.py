@@ -30,6 +30,7 @@ from shared.pictures import COLOUR_MAP, LEVEL_LABEL, draw_from_above, range_weig
 from shared.signal.imaging import delay_and_sum
 from shared.signal.spectrum import range_doppler
 from trainer import RadarDataset, estimators, load_imager, pretrained_run
+from trainer.data.measurements import Cells
 from trainer.metrics.image import nmse_best_scaled
 from trainer.run.detections import Sought, find_detections
 
@@ -174,7 +175,7 @@ for name, image in {"16 receivers": full, "6 receivers": thinned, "network, 6 re
 
 # %%
 found = find_detections(
-    images.numpy(), probability.numpy(), measured[..., sparse], example.metadata["velocity"].numpy(), radar,
+    images.numpy(), probability.numpy(), Cells(measured[..., sparse], example.metadata["velocity"].numpy()), radar,
     estimators.line_array(radar, sparse), Sought(example.metadata["noise_power"]),
 )  # fmt: skip
 print(f"{len(found)} points; the strongest that move:")

@@ -23,7 +23,7 @@ from shared.signal.spectrum import range_doppler, select_doppler
 from shared.signal.windows import cell_noise_power
 from trainer.data.arrays import choose_array
 from trainer.data.cfar import cfar_cells
-from trainer.data.measurements import ALL, PEAKS
+from trainer.data.measurements import ALL, PEAKS, Cells
 from trainer.data.simulation import amplitude_of, in_plane
 from trainer.estimators.base import ESTIMATORS, line_array
 from trainer.run.detections import FALSE_ALARMS, Sought, find_detections
@@ -60,9 +60,8 @@ def main(
             image = np.stack([ESTIMATORS["das"]().image(peak, array, radar.grid.u, power) for peak in rows])
             sought = Sought(power, false_alarms=false_alarms)
             began = time.process_time()
-            found = find_detections(
-                image, None, rows, chosen.velocities_mps(radar.waveform), radar, array, sought, centre
-            )
+            seen = Cells(rows, chosen.velocities_mps(radar.waveform).astype(np.float32), centre)
+            found = find_detections(image, None, seen, radar, array, sought)
             seconds[name].append(time.process_time() - began)
             at = in_plane(found.range_m, found.u)
             off = np.linalg.norm(at[:, None] - place, axis=2).min(axis=1, initial=np.inf)

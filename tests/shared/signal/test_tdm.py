@@ -12,7 +12,14 @@ from shared.radar.receiver import receiver_noise
 from shared.radar.waveform import Waveform
 from shared.signal import if_signal
 from shared.signal.signal import chirp_times
-from shared.signal.spectrum import DopplerSelection, range_doppler, select_doppler, unfold
+from shared.signal.spectrum import (
+    DopplerSelection,
+    doppler_neighbours,
+    range_doppler,
+    select_doppler,
+    selection_at,
+    unfold,
+)
 from shared.signal.tdm import averaged, compensated, statement
 from shared.signal.windows import cell_noise_power
 
@@ -153,6 +160,22 @@ def test_overlapped_elements_tell_the_interval(share):
     u, level = lobes(elements, places[:, 1], radar.waveform.wavelength_m)
     assert u == pytest.approx(U, abs=0.01)
     assert level == pytest.approx(-12.97, abs=0.1)
+
+
+@pytest.mark.parametrize("interval", [0, 1])
+def test_the_cells_beside_one_are_turned_as_it_is(interval):
+    """An echo between two cells has one angle in both, also beyond the interval that one TX tells."""
+    radar = tdm_radar(array=OVERLAPPED)
+    waveform = radar.waveform
+    velocity = waveform.velocities_mps[100] + 0.4 * waveform.velocity_step_mps + interval * waveform.velocity_span_mps
+    place = RANGE_M * np.array([[np.sqrt(1.0 - U**2), U, 0.0]])
+    cube = if_signal(radar, place, place / RANGE_M * velocity, np.ones(1))
+    spectra = range_doppler(cube.astype(np.complex64), radar)
+    row = int(np.abs(spectra).sum(axis=(1, 2)).argmax())
+    selection = unfold(selection_at(spectra, np.full(len(spectra), 100)), radar)
+    assert selection.interval[0, row] == interval
+    own, above = selection.range_channel[0, row], doppler_neighbours(spectra, selection, radar)[1, 0, row]
+    assert abs(np.vdot(own, above)) > 0.999999 * np.linalg.norm(own) * np.linalg.norm(above)
 
 
 def test_each_peak_of_a_range_bin_has_its_own_interval():

@@ -20,6 +20,7 @@ from shared.signal import if_signal
 from shared.signal.windows import cell_noise_power, hann
 from trainer.cli.app import app
 from trainer.data.arrays import choose_array
+from trainer.data.measurements import Cells
 from trainer.data.simulation import amplitude_of, in_plane, snapshot
 from trainer.estimators.base import ESTIMATORS
 from trainer.run.detection_files import UNITS, records, write_csv, write_pcd
@@ -39,7 +40,8 @@ def detect(
     """From delay-and-sum images of snapshots [D, R, C]."""
     chosen = snapshots[..., CHANNELS]
     image = np.stack([ESTIMATORS["das"]().image(peak, ARRAY, U, NOISE) for peak in chosen])
-    return find_detections(image, probability, chosen, velocity, RADAR, ARRAY, Sought(NOISE, false_alarms=false_alarms))
+    cells = Cells(chosen, velocity)
+    return find_detections(image, probability, cells, RADAR, ARRAY, Sought(NOISE, false_alarms=false_alarms))
 
 
 def at_rest(ranges: list[float], u: list[float], snr_db: list[float], seed: int = 0) -> NDArray[np.complex64]:
@@ -169,10 +171,9 @@ def test_probability_orders_candidates_and_is_read_beside_the_line() -> None:
 
 
 def test_shapes_that_do_not_fit_are_refused() -> None:
+    cells = Cells(np.zeros((1, 6, 18), np.complex64), np.zeros((1, 6), np.float32))
     with pytest.raises(InputError, match="detections"):
-        find_detections(
-            np.zeros((1, 5, 450)), None, np.zeros((1, 6, 18), complex), np.zeros((1, 6)), RADAR, ARRAY, Sought(NOISE)
-        )
+        find_detections(np.zeros((1, 5, 450)), None, cells, RADAR, ARRAY, Sought(NOISE))
 
 
 SOME = Detections(

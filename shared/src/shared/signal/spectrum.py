@@ -10,7 +10,7 @@ from jaxtyping import Complex, Float, Float32, Float64, Int, Int64
 
 from shared.radar import Radar
 from shared.radar.waveform import Waveform
-from shared.signal.tdm import compensated, unfolded
+from shared.signal.tdm import compensated, turned_as, unfolded
 from shared.signal.windows import hann
 
 RAYLEIGH_MEAN = 0.886
@@ -127,3 +127,16 @@ def unfold(selection: DopplerSelection, radar: Radar) -> DopplerSelection:
     """
     range_channel, interval = unfolded(selection.range_channel, selection.cells, selection.magnitude, radar)
     return replace(selection, range_channel=range_channel, interval=interval)
+
+
+def doppler_neighbours(
+    spectra: Complex[np.ndarray, "rows chirps channels"], selection: DopplerSelection, radar: Radar
+) -> Complex[np.ndarray, "2 peaks rows channels"]:
+    """The cells below and above each one of a selection, TX turned back as in the cell itself. The axis is a circle.
+
+    :param spectra: those that the selection was made from
+    """
+    chirps, rows = radar.waveform.chirps, np.arange(len(spectra))
+    own = (selection.cells + chirps * selection.interval).astype(np.float64)
+    cells = [(selection.cells + step) % chirps for step in (-1, 1)]
+    return np.stack([turned_as(spectra[rows, other], other, own, radar) for other in cells])

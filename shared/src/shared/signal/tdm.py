@@ -90,6 +90,24 @@ def unfolded(
     return range_channel * _phasors(interval[..., None] * turn, range_channel), interval
 
 
+def turned_as(
+    values: Complex[np.ndarray, "peaks rows channels"],
+    cells: Int64[np.ndarray, "peaks rows"],
+    others: Float64[np.ndarray, "peaks rows"],
+    radar: Radar,
+) -> Complex[np.ndarray, "peaks rows channels"]:
+    """Compensated channels [D, R, C] of ``cells``, turned back by the phases of the Doppler cells ``others``.
+
+    An echo that stands between cells shows in several of them, and has one velocity.
+
+    :param others: the interval included, in cells
+    """
+    turn = turns(radar)
+    if not turn.any():
+        return values
+    return values * _phasors((others - cells)[..., None] / radar.waveform.chirps * turn, values)
+
+
 def _most_coherent(
     range_channel: Complex[np.ndarray, "peaks rows channels"], radar: Radar
 ) -> Int64[np.ndarray, "peaks rows"]:

@@ -16,7 +16,7 @@ from shared.physics.errors import InputError
 from shared.radar import Radar
 from shared.signal.ego_motion import EgoMotion
 from shared.signal.model_error import NO_MODEL_ERROR_DB, UNCALIBRATED_DB
-from shared.signal.spectrum import range_doppler, select_doppler, unfold
+from shared.signal.spectrum import doppler_neighbours, range_doppler, select_doppler, unfold
 from shared.signal.windows import cell_noise_power
 from trainer.captures.cube_file import Capture, CubeFile, read_cube
 from trainer.data.cfar import cfar_cells
@@ -25,6 +25,24 @@ from trainer.data.motion import read_motion
 PEAKS, ALL = "peaks", "all"
 CELLS = (PEAKS, ALL)
 """Of a frame: its three strongest Doppler peaks of every range bin, or what passes :mod:`trainer.data.cfar`."""
+LEAST_CHIRPS = 4
+"""The main lobe of a Hann window: of no more chirps a cell's neighbours are no evidence of its velocity."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Range-Doppler cells of a frame, D of every range bin.
+
+    :param range_channel: [D, R, C] [sqrt(W)]
+    :param velocity: [D, R] of their centres [m/s]; one that repeats an earlier one of its range bin is none
+    :param centre: [D, R] which are peaks and not the neighbours of one; None for all
+    :param beside: [2, D, R, C] the Doppler cells below and above, of a cube; None where they are not kept
+    """
+
+    range_channel: NDArray[np.complex64]
+    velocity: NDArray[np.float32]
+    centre: NDArray[np.bool_] | None = None
+    beside: NDArray[np.complex64] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +57,7 @@ class Measurement:
     :param truth: [R, U] relative to its peak, if known
     :param model_error_db: power of a row that no plane wave explains, of the row's [dB]; -inf of simulated data
     :param motion: of the sensor, if known
-    :param centre: [D, R] of the rows, which are peaks and not the neighbours of one; None for all
+    :param centre, beside: as of :class:`Cells`
     """
 
     name: str
@@ -51,11 +69,17 @@ class Measurement:
     model_error_db: float = NO_MODEL_ERROR_DB
     motion: EgoMotion | None = None
     centre: NDArray[np.bool_] | None = None
+    beside: NDArray[np.complex64] | None = None
 
     @property
     def measured(self) -> bool:
         """Whether its noise is that of hardware, see :func:`shared.signal.model_error.row_noise`."""
         return self.model_error_db > NO_MODEL_ERROR_DB
+
+    def seen_by(self, channels: NDArray[np.intp]) -> Cells:
+        """Its cells in these channels."""
+        beside = None if self.beside is None else self.beside[..., channels]
+        return Cells(self.range_channel[..., channels], self.velocity, self.centre, beside)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,21 +142,19 @@ def open_measurements(
 
 
 def _of_frame(frame: Frame, radar: Radar, cells: str) -> Measurement:
-    motion, centre = EgoMotion.of_pose(frame.sensor_velocity, frame.sensor_orientation), None
-    channels, velocity = frame.range_channel, frame.velocity
+    motion = EgoMotion.of_pose(frame.sensor_velocity, frame.sensor_orientation)
+    seen = Cells(frame.range_channel, frame.velocity)
     if cells == ALL:
         assert frame.cube is not None
-        channels, velocity, centre = _cells(frame.cube, radar, frame.noise_power, cells)
-    name = f"frame-{frame.frame_id:06d}"
+        seen = _cells(frame.cube, radar, frame.noise_power, cells)
     return Measurement(
-        name, frame.frame_id, channels, velocity, frame.noise_power, np.array(frame.image), motion=motion, centre=centre
-    )
+        f"frame-{frame.frame_id:06d}", frame.frame_id, seen.range_channel, seen.velocity, frame.noise_power,
+        np.array(frame.image), motion=motion, centre=seen.centre, beside=seen.beside,
+    )  # fmt: skip
 
 
-def _cells(
-    cube: NDArray[np.complex64], radar: Radar, noise_power: float, cells: str
-) -> tuple[NDArray[np.complex64], NDArray[np.float32], NDArray[np.bool_] | None]:
-    """([D, R, C] channels, [D, R] velocities, [D, R] which are peaks) of a cube's cells."""
+def _cells(cube: NDArray[np.complex64], radar: Radar, noise_power: float, cells: str) -> Cells:
+    """Of a cube."""
     spectra = range_doppler(cube, radar)
     centre = None
     if cells == ALL:
@@ -140,7 +162,9 @@ def _cells(
     else:
         selection = select_doppler(spectra, noise_power)
     selection = unfold(selection, radar)
-    return selection.range_channel, selection.velocities_mps(radar.waveform).astype(np.float32), centre
+    beside = doppler_neighbours(spectra, selection, radar) if radar.waveform.chirps > LEAST_CHIRPS else None
+    velocity = selection.velocities_mps(radar.waveform).astype(np.float32)
+    return Cells(selection.range_channel, velocity, centre, beside)
 
 
 def of_cube(
@@ -152,10 +176,12 @@ def of_cube(
     """
     radar, capture = found.radar, found.capture
     noise_power = cell_noise_power(radar) if capture is None else capture.noise_power
-    channels, velocity, centre = _cells(found.cube[frame], radar, noise_power, cells)
+    seen = _cells(found.cube[frame], radar, noise_power, cells)
     name = name if len(found.cube) == 1 else f"{name}-{frame:06d}"
     frame_id, error_db = frame if number is None else number, _model_error_db(capture)
-    return Measurement(name, frame_id, channels, velocity, noise_power, None, error_db, motion, centre)
+    return Measurement(
+        name, frame_id, seen.range_channel, seen.velocity, noise_power, None, error_db, motion, seen.centre, seen.beside
+    )
 
 
 def _model_error_db(capture: Capture | None) -> float:

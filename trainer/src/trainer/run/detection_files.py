@@ -21,7 +21,7 @@ CSV_FILE = "detections.csv"
 UNITS = {
     "range": "m", "u": "sin(azimuth)", "velocity": "m/s, receding", "amplitude_db": "dB re 1 sqrt(W)",
     "u_std": "sin(azimuth), Cramer-Rao", "probability": "of a target; null without a detection head",
-    "range_std": "m, Cramer-Rao, or of a bin", "velocity_std": "m/s, of a Doppler cell",
+    "range_std": "m, Cramer-Rao, or of a bin", "velocity_std": "m/s, Cramer-Rao, or of a Doppler cell",
     "moving": "probability of no part of the static world; null where the sensor's motion is not known",
     "doppler_cell": "index on the rising velocity axis",
 }  # fmt: skip

@@ -23,6 +23,7 @@ from shared.physics.units import amplitude_to_db, db_to_power
 from shared.radar import Radar
 from shared.signal.ego_motion import EgoMotion, moving_probability
 from trainer.data.cfar import CELL_FALSE_ALARM
+from trainer.data.measurements import Cells
 from trainer.estimators.array import LineArray, uniform_axis
 from trainer.estimators.fitting import (
     FALSE_ALARM,
@@ -35,6 +36,7 @@ from trainer.estimators.fitting import (
     score_peaks,
 )
 from trainer.estimators.moves import beside_lines
+from trainer.estimators.velocities import UNIFORM, velocity_offsets
 from trainer.run.false_alarms import first_line_probability
 
 CANDIDATES = 6
@@ -67,12 +69,12 @@ class Detections:
 
     :param range_m: [N] fitted where a neighbouring bin shows the target, else that of its bin [m]
     :param u: [N] sin(azimuth)
-    :param velocity: [N] of the Doppler cell [m/s]
+    :param velocity: [N] fitted where the cells beside its Doppler cell are known, else that cell's [m/s]
     :param amplitude_db: [N] of the line in its range-Doppler cell [dB re 1 sqrt(W)]
     :param u_std: [N] standard deviation of u by the Cramer-Rao bound
     :param probability: [N] of a target, by the network's detection head; NaN where it has none
     :param range_std: [N] likewise of the range, that of a uniform bin where it is the bin's [m]
-    :param velocity_std: [N] that of a uniform Doppler cell [m/s]
+    :param velocity_std: [N] likewise of the velocity [m/s]
     :param moving: [N] probability that it does not belong to the static world; NaN where the sensor's own motion is not
         known
     :param doppler_cell: [N] on the rising velocity axis, where its range-Doppler cell stands
@@ -110,28 +112,26 @@ class Sought:
 def find_detections(
     image: NDArray[np.floating],
     probability: NDArray[np.floating] | None,
-    snapshots: NDArray[np.complexfloating],
-    velocity: NDArray[np.floating],
+    seen: Cells,
     radar: Radar,
     array: LineArray,
     sought: Sought,
-    centre: NDArray[np.bool_] | None = None,
 ) -> Detections:
     """The detections of one frame.
 
     :param image: [D, R, U] of each Doppler peak; the fit begins with the peaks of image * sqrt(probability)
     :param probability: [D, R, U] of a target, None for a network without a detection head
-    :param snapshots: [D, R, C] the channels of ``array`` at each Doppler peak [sqrt(W)]
-    :param velocity: [D, R] of those [m/s]; a peak that repeats an earlier one of its range bin is left out
-    :param centre: [D, R] about which of them a group may be made, the others being its neighbours; None for all
+    :param seen: in the channels of ``array``; a cell that repeats an earlier one of its range bin is left out
     :raises InputError: shapes that do not fit
     """
+    snapshots, velocity, centre = seen.range_channel, seen.velocity, seen.centre
     expected = (*np.shape(snapshots)[:2], radar.grid.bins)
     if np.shape(image) != expected or np.shape(velocity) != expected[:2]:
         raise InputError("detections", f"an image {np.shape(image)}, velocities {np.shape(velocity)}", f"{expected}")
     new, waveform, axis = new_peaks(velocity), radar.waveform, radar.grid.u
     range_m = np.maximum(np.arange(snapshots.shape[1]), 1) * waveform.range_step_m
-    snapshots = snapshots * np.exp(-1j * array.bend_phase(range_m))
+    straight = np.exp(-1j * array.bend_phase(range_m))
+    snapshots, beside = snapshots * straight, None if seen.beside is None else seen.beside * straight
     about, share = (new, 1.0 / waveform.chirps) if centre is None else (new & centre, CELL_FALSE_ALARM)
     first = first_line_probability(sought.false_alarms, radar, array, share)
     least = HEARD_SHARE * line_threshold(array, first) * sought.noise_power
@@ -151,10 +151,16 @@ def find_detections(
         fitted = fit_groups(values, bins, array, at, candidates[members], test)
         energy = np.sum(np.abs(values) ** 2, axis=(1, 2))
         group, line = np.nonzero(np.abs(fitted.amplitude) > 0.0)
-        columns = (fitted.u, fitted.offset, np.abs(fitted.amplitude), fitted.u_std, fitted.offset_std)
+        shift = np.zeros(fitted.u.shape), np.full(fitted.u.shape, UNIFORM)
+        if beside is not None:
+            below, above = (
+                np.stack([part[peaks_at[step], row[members] + step] for step in peaks_at], axis=1) for part in beside
+            )
+            shift = velocity_offsets(np.stack([below, values, above]), bins, array, at, fitted, sought.noise_power)
+        columns = (fitted.u, fitted.offset, np.abs(fitted.amplitude), fitted.u_std, fitted.offset_std, *shift)
         found.append(np.stack([values[group, line] for values in columns]))
         part.append(np.stack([members[group], energy[group]]))
-    u, offset, amplitude, u_std, offset_std = np.concatenate([np.empty((5, 0)), *found], axis=1)
+    u, offset, amplitude, u_std, offset_std, shift, shift_std = np.concatenate([np.empty((7, 0)), *found], axis=1)
     group, energy = np.concatenate([np.empty((2, 0)), *part], axis=1)
     group = group.astype(np.intp)
     half_bin = 0.5 * radar.grid.step
@@ -168,16 +174,16 @@ def find_detections(
     certain = np.full(len(kept), np.nan)
     if probability is not None:
         certain = _around(probability, peaks, rows, u[kept], axis)
-    uniform = np.sqrt(1.0 / 12.0)
+    centre_mps = np.asarray(velocity, dtype=np.float64)[peaks, rows]
     return Detections(
         range_m=lines.place[kept] * waveform.range_step_m,
         u=u[kept],
-        velocity=np.asarray(velocity, dtype=np.float64)[peaks, rows],
+        velocity=centre_mps + shift[kept] * waveform.velocity_step_mps,
         amplitude_db=lines.level_db[kept],
         u_std=u_std[kept],
         probability=certain,
-        range_std=np.where(np.isnan(offset_std[kept]), uniform, offset_std[kept]) * waveform.range_step_m,
-        velocity_std=np.full(len(kept), uniform * waveform.velocity_step_mps),
+        range_std=np.where(np.isnan(offset_std[kept]), UNIFORM, offset_std[kept]) * waveform.range_step_m,
+        velocity_std=shift_std[kept] * waveform.velocity_step_mps,
         moving=np.full(len(kept), np.nan),
         doppler_cell=(lines.cell[kept] + waveform.chirps // 2) % waveform.chirps,
     )

@@ -121,12 +121,10 @@ class Predictor:
             points = find_detections(
                 images,
                 probability,
-                measurement.range_channel[..., self.answer.channels],
-                measurement.velocity,
+                measurement.seen_by(self.answer.channels),
                 self.answer.radar,
                 self.answer.line,
                 Sought(measurement.noise_power, level, self.listed.false_alarms),
-                measurement.centre,
             )
             points = with_moving(points, measurement.motion, self.answer.radar)
         return Prediction(measurement, *merge_peaks(images, measurement.velocity), points, probability is None)

@@ -1,0 +1,114 @@
+"""Velocities to a fraction of a Doppler cell, against a plain search and against the truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from shared.radar import Radar
+from shared.signal import if_signal
+from shared.signal.windows import cell_noise_power
+from trainer.captures.cube_file import CubeFile
+from trainer.data.measurements import of_cube
+from trainer.data.simulation import amplitude_of, in_plane
+from trainer.estimators.base import ESTIMATORS, line_array
+from trainer.estimators.fitting import FittedGroups, RangePlace, hann_correlation, hann_response
+from trainer.estimators.velocities import velocity_offsets
+from trainer.run.detections import Detections, Sought, find_detections
+
+
+def short(radar: Radar, **waveform: object) -> Radar:
+    changed = radar.waveform.model_copy(update={"chirps": 64, "max_range_m": 25.0, **waveform})
+    return radar.model_copy(update={"waveform": changed})
+
+
+def seen(
+    radar: Radar, bins: NDArray, u: NDArray, velocity: NDArray, snr_db: float, seed: int, cells: str
+) -> Detections:
+    """What is listed of radially moving targets, by delay and sum of all channels."""
+    place = in_plane(radar.waveform.range_step_m * bins, u)
+    unit, draw = place / np.linalg.norm(place, axis=1, keepdims=True), np.random.default_rng(seed)
+    amplitude = amplitude_of(snr_db, radar) * np.exp(2j * np.pi * draw.random(len(u)))
+    echo = if_signal(radar, place, unit * velocity[:, None], amplitude)
+    noise = draw.standard_normal((*echo.shape, 2)).view(complex)[..., 0] * np.sqrt(0.5 * radar.sample_noise_power_w)
+    measurement = of_cube("cube", CubeFile((echo + noise).astype(np.complex64)[None], radar, None), 0, None, cells)
+    array, power = line_array(radar), cell_noise_power(radar)
+    image = np.stack(
+        [ESTIMATORS["das"]().image(rows, array, radar.grid.u, power) for rows in measurement.range_channel]
+    )
+    used = np.arange(radar.array.channels)
+    return find_detections(image, None, measurement.seen_by(used), radar, array, Sought(power))
+
+
+@pytest.mark.parametrize("cells", ["peaks", "all"])
+def test_the_stated_deviation_is_that_of_the_errors(cells) -> None:
+    """Of targets at any place in their Doppler cell, at 15 dB of a channel and cell, from 10 m on."""
+    radar = short(Radar())
+    step, error, stated = radar.waveform.velocity_step_mps, [], []
+    for seed in range(6):
+        draw = np.random.default_rng(100 + seed)
+        bins, u = np.arange(70.0, 150.0, 5.0) + draw.uniform(-0.4, 0.4, 16), draw.uniform(-0.6, 0.6, 16)
+        velocity = draw.uniform(-0.4, 0.4, 16) * radar.waveform.velocity_span_mps
+        found = seen(radar, bins, u, velocity, 15.0, seed, cells)
+        for place, angle, rate in zip(bins, u, velocity, strict=True):
+            near = np.abs(found.range_m / radar.waveform.range_step_m - place) < 0.5
+            (index,) = np.flatnonzero(near & (np.abs(found.u - angle) < 0.02))
+            error.append(found.velocity[index] - rate)
+            stated.append(found.velocity_std[index])
+    z = np.array(error) / np.array(stated)
+    assert np.median(stated) < 0.02 * step
+    assert 0.75 < np.sqrt(np.mean(z**2)) < 1.3
+    assert np.abs(z).max() < 4.5
+
+
+def test_the_offset_is_where_plain_least_squares_has_it() -> None:
+    """Two lines in three range bins of three Doppler cells; all angles and ranges held, one Doppler offset each."""
+    radar, draw = Radar(), np.random.default_rng(3)
+    array = line_array(radar)
+    bins, u, offset, delta = np.array([-1, 0, 1]), np.array([0.1, 0.13]), np.array([0.2, -0.3]), np.array([0.3, -0.2])
+    place = RangePlace(np.array([20.0]), radar.waveform.range_step_m)
+    walk = 0.5 * array.positions_m[:, None] / place.step_m * u - offset
+    phase = 2.0 * np.pi / array.wavelength_m * array.positions_m[:, None] * u
+    turn = np.exp(-1j * (phase + array.bend_phase(place.centre_m).T * u**2))
+    shape = (hann_response(bins[:, None, None] + walk) * turn) * (1.0 - 2.0 * (bins % 2))[:, None, None]
+    alternating = np.array([-1.0, 1.0, -1.0])
+
+    def model(shifts: NDArray) -> NDArray:
+        """[3, M, C, K] of unit amplitudes."""
+        doppler = alternating[:, None] * hann_response(np.array([-1, 0, 1])[:, None] - shifts)
+        return doppler[:, None, None] * shape
+
+    root = np.linalg.cholesky(hann_correlation(bins[:, None] - bins))
+    signs = 1.0 - 2.0 * (bins % 2)
+    noise = draw.standard_normal((3, 3, array.channels, 2)).view(complex)[..., 0] * np.sqrt(0.5)
+    noise = np.einsum("ij,mn,jnc->imc", root, root, noise) * alternating[:, None, None] * signs[:, None]
+    cells = np.einsum("imck,k->imc", model(delta), np.array([30.0, 20.0j])) + noise
+    white = np.linalg.inv(root)
+
+    def whitened(values: NDArray) -> NDArray:
+        turned = values * (alternating[:, None, None] * signs[:, None]).reshape(3, 3, 1, *[1] * (values.ndim - 3))
+        return np.einsum("ij,mn,jn...->im...", white, white, turned)
+
+    def left(shifts: NDArray) -> float:
+        columns, x = whitened(model(shifts)).reshape(-1, 2), whitened(cells).ravel()
+        return float(np.sum(np.abs(x - columns @ np.linalg.lstsq(columns, x, rcond=None)[0]) ** 2))
+
+    plain = minimize(left, np.zeros(2), method="Nelder-Mead", options={"xatol": 1e-7, "fatol": 1e-9}).x
+    columns = FittedGroups(u[None], np.array([[30.0, 20.0j]]), u[None], offset[None], offset[None])
+    found, deviation = velocity_offsets(cells[:, None], bins, array, place, columns, 1.0)
+    # Each line is placed by itself, the plain one with the other: apart by less than the bound.
+    assert np.abs(found[0] - plain).max() < 0.5 * deviation.min()
+    assert np.abs(found[0] - delta).max() < 4.0 * deviation.max()
+
+
+def test_lines_that_are_not_there_have_no_offset() -> None:
+    radar = Radar()
+    array = line_array(radar)
+    nothing = FittedGroups(*(np.full((1, 2), value) for value in (np.nan, 0.0, np.nan, np.nan, np.nan)))
+    place = RangePlace(np.array([20.0]), radar.waveform.range_step_m)
+    cells = np.ones((3, 1, 1, array.channels), complex)
+    found, deviation = velocity_offsets(cells, np.array([0]), array, place, nothing, 1.0)
+    assert np.isnan(found).all()
+    assert np.isnan(deviation).all()
