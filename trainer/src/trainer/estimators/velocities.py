@@ -82,10 +82,9 @@ def _responses(
     u, offset = np.where(there, fitted.u, 0.0)[:, None], np.where(there, fitted.offset, 0.0)[:, None]
     bend = array.bend_phase(place.centre_m)[..., None]
     phase = 2.0 * np.pi / array.wavelength_m * array.positions_m[:, None] * u + bend * u**2
-    turn = np.where(there[:, None], np.exp(-1j * phase), 0.0)
+    turn = np.exp(-1j * phase) * there[:, None]
     walked = 0.5 * array.positions_m[:, None] / place.step_m * u - offset
-    seen: NDArray[np.complex128] = hann_response(bins[:, None, None] + walked[:, None]) * turn[:, None]
-    return seen
+    return hann_response(bins[:, None, None] + walked[:, None]) * turn[:, None]
 
 
 def _offsets(
