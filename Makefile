@@ -15,6 +15,7 @@ STEPS := 1500
 NOTEBOOKS := tour
 STUDY_METHODS := das,das-hann,music,iaa,iaa-view,likes-view,likes-view-ego,omp,omp-cfar,spice,likes,cnn,unet
 POPULATE := --populate cars=4/100m,trucks=0.4/100m,pedestrians=10,cyclists=4,poles=30,signs=10,parked=0.6
+UNSEEN_TRAFFIC := --populate cars=20,trucks=2,pedestrians=10,cyclists=4,poles=30,signs=10,parked=0.6
 CITIES := --scene scenes/street.usda --scene sionna:simple_street_canyon_with_cars --scene sionna:munich
 
 help:
@@ -69,8 +70,13 @@ $(STUDY)/city.usda: | $(INSTALLED)
 $(STUDY)/data/manifest.json: | $(STUDY)/city.usda
 	$(BIN)/datafactory render $(CITIES) --scene $(STUDY)/city.usda $(POPULATE) --frames $(FRAMES) --points 64 --rays 100000 --out $(@D) --resume
 
-$(STUDY)/unseen/manifest.json: | $(INSTALLED)
-	$(BIN)/datafactory render --scene sionna:san_francisco $(POPULATE) --frames 16 --split 0:0:1 --rays 100000 --out $(@D) --resume
+# What all weights are judged by, and none is chosen by: drives through two cities that nothing was trained on.
+$(STUDY)/other-city.usda: | $(INSTALLED)
+	@mkdir -p $(@D)
+	$(BIN)/datafactory city --seed 77 --blocks 4 --out $@
+
+$(STUDY)/unseen/manifest.json: | $(STUDY)/other-city.usda
+	$(BIN)/datafactory render --scene sionna:san_francisco --scene $(STUDY)/other-city.usda $(UNSEEN_TRAFFIC) --trajectory drive:seconds=1 --frame-rate 1 --speed 0:20 --frames 120 --split 0:0:1 --rays 200000 --seed 36 --out $(@D) --resume
 
 # A run is done when its command has ended, not when its folder is there.
 $(STUDY)/unet-%.done: $(STUDY)/data/manifest.json

@@ -27,7 +27,7 @@ from trainer.data.measurements import Measurement
 from trainer.evaluation.experiments.frames import static_world
 from trainer.metrics.bootstrap import Interval, bootstrap_mean
 from trainer.metrics.image import nmse
-from trainer.metrics.ranking import Ranking, mean_average_precision, pooled
+from trainer.metrics.ranking import CellScores, Ranking, mean_average_precision, pooled
 from trainer.run.answers import Answer, array_answer, network_answer
 from trainer.run.folder import load_imager
 from trainer.run.pretrained import pretrained_run
@@ -82,6 +82,12 @@ def _estimated(frame: Frame, answer: Answer) -> Frame:
 
 def scored(answer: Answer, frames: Sequence[Frame], radar: Radar) -> tuple[Ranking, NDArray[np.float64]]:
     """(the detections of all frames, [frames] NMSE)."""
+    cells, errors = scores(answer, frames, radar)
+    return pooled(cells), errors
+
+
+def scores(answer: Answer, frames: Sequence[Frame], radar: Radar) -> tuple[list[CellScores], NDArray[np.float64]]:
+    """([frames] detections, [frames] NMSE)."""
     cells, errors = [], []
     for frame in frames:
         rows, noise = frame.range_channel[0], frame.noise_power
@@ -89,7 +95,7 @@ def scored(answer: Answer, frames: Sequence[Frame], radar: Radar) -> tuple[Ranki
         seen = answer.image_and_score(rows, noise, static_world(frame, radar))
         cells.append(answer.score_cells(truth, rows, noise, seen))
         errors.append(nmse(seen[0], truth))
-    return pooled(cells), np.array(errors)
+    return cells, np.array(errors)
 
 
 def row(array: str, name: str, precision: Interval, error: Interval) -> None:

@@ -1,0 +1,58 @@
+"""Runs and untrained methods on drives through cities that no weights have seen: the tables of docs/notes/weights.md.
+
+    python tests/benchmarks/unseen.py DATASET [RUN...] [--array sparse6]
+
+DATASET is ``build/study/unseen`` of ``make study``. Frames of the test split at their strongest Doppler peaks; average
+precision and NMSE with bootstrap intervals over the frames, of all and of each city; then each less the best untrained
+method that is told the motion, paired. All channels stand beside the array.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from ego_motion import row, scores
+
+from shared.dataset.folder import MANIFEST, open_dataset
+from shared.dataset.reading import radar_of
+from trainer.data.arrays import choose_array
+from trainer.metrics.bootstrap import bootstrap_mean
+from trainer.metrics.ranking import mean_average_precision, pooled
+from trainer.run.answers import array_answer, network_answer
+from trainer.run.folder import load_imager
+from trainer.run.pretrained import pretrained_run
+
+VIEWS = ("iaa-view", "likes-view", "likes-view-ego")
+FULL, REFERENCE = "full", "likes-view-ego"
+
+
+def main(
+    dataset: Path,
+    runs: Annotated[list[Path] | None, typer.Argument()] = None,
+    array: Annotated[str, typer.Option()] = "sparse6",
+) -> None:
+    opened = open_dataset(dataset)
+    radar = radar_of(opened.description(), dataset / MANIFEST)
+    frames = list(opened.frames("test", ("range_channel", "velocity", "image")))
+    answers = {f"{of}, {view}": array_answer(view, choose_array(of, radar), radar)
+               for of in (array, FULL) for view in VIEWS}  # fmt: skip
+    for folder in (pretrained_run(array), *(runs or ())):
+        answers[str(folder.name)] = network_answer(*load_imager(folder))
+    found = {name: scores(answer, frames, radar) for name, answer in answers.items()}
+    scenes = np.array([frame.scene for frame in frames])
+    for scene in (None, *dict.fromkeys(scenes.tolist())):
+        chosen = np.flatnonzero((scenes == scene) | (scene is None))
+        kept = {name: (pooled([cells[i] for i in chosen]), errors[chosen]) for name, (cells, errors) in found.items()}
+        for name, (ranking, errors) in kept.items():
+            row(scene or "both", name, mean_average_precision([ranking]), bootstrap_mean(errors))
+            for other in (f"{array}, {REFERENCE}", f"{FULL}, {VIEWS[1]}"):
+                below, error_below = kept[other]
+                row(scene or "both", f"{name} less {other}", mean_average_precision([ranking], [below]),
+                    bootstrap_mean(errors - error_below))  # fmt: skip
+
+
+if __name__ == "__main__":
+    typer.run(main)
