@@ -6,7 +6,8 @@ PATHS is a folder of ``datafactory trace``, CUBES what ``render --paths PATHS --
 the power that the frame's paths put into each cell of range, Doppler and u (a resolution cell of the full array): the
 cells that are largest among their neighbours, and whose power the array sees at 13 dB over the noise, its channels
 added. Printed for ``--cells peaks`` and ``all``: the share of these cells that a line stands in, or beside; lines a
-frame with no path's power nearby; of lines by the probability of the detection head, how many are true.
+frame with no path's power nearby; how many lines are true, by the probability that they were given; and the constants
+of :mod:`trainer.run.certainty` that fit these lines best.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
+from scipy.optimize import minimize
+from scipy.special import logit
 
 from datafactory.paths.storage import TracedFrame, read_paths
 from datafactory.paths.table import ScatteredPaths
@@ -25,6 +28,8 @@ from datafactory.synthesis.mid_frame import at_mid_frame
 from shared.radar import Radar
 from shared.signal.windows import cell_noise_power
 from trainer.data.measurements import ALL, PEAKS, open_measurements
+from trainer.run.answers import NetworkAnswer
+from trainer.run.certainty import BY_HEAD, BY_LEVEL, HIGHEST_DB
 from trainer.run.detections import FALSE_ALARMS, Detections
 from trainer.run.predictor import PointsRequest, Predictor
 
@@ -58,16 +63,42 @@ def main(
             true = (maximum_filter(power, AROUND, mode="wrap") > noise * 10.0 ** (THERE_DB / 10.0))[place]
             false.append(np.count_nonzero(~true))
             lines.append(len(seen))
-            told.append(np.stack([seen.probability, true]))
+            told.append(np.stack([seen.probability, seen.snr_db, true]))
         share, count = np.concatenate(found).mean(), len(np.concatenate(found)) / len(found)
         print(
             f"{cells}: {share:.3f} of {count:.0f} cells a frame, {np.mean(lines):.0f} lines, {np.mean(false):.1f} false"
         )
-        probability, truth = np.concatenate(told, axis=1)
+        probability, snr_db, truth = np.concatenate(told, axis=1)
         for low, high in BANDS:
             inside = (probability >= low) & (probability < high)
             if inside.any():
                 print(f"  said {low} to {high}: {truth[inside].mean():.2f} true of {np.count_nonzero(inside)}")
+        print(
+            "  best constants",
+            fitted_constants(
+                probability, snr_db, truth, BY_HEAD if isinstance(predictor.answer, NetworkAnswer) else BY_LEVEL
+            ),
+        )
+
+
+def fitted_constants(
+    probability: NDArray[np.float64],
+    snr_db: NDArray[np.float64],
+    true: NDArray[np.float64],
+    used: tuple[float, float, float],
+) -> NDArray[np.float64]:
+    """(a, b, c) of :mod:`trainer.run.certainty` of most likelihood; what the head said follows from those used."""
+    a, b, c = used
+    level = np.minimum(snr_db, HIGHEST_DB)
+    columns = np.stack([np.ones_like(level), level / 10.0], axis=1)
+    if c:
+        columns = np.column_stack([columns, (logit(probability) - a - b * level) / c])
+
+    def surprise(weights: NDArray[np.float64]) -> float:
+        return float(np.sum(np.logaddexp(0.0, columns @ weights) - true * (columns @ weights)))
+
+    found = minimize(surprise, np.zeros(columns.shape[1])).x
+    return np.round(found / np.array([1.0, 10.0, 1.0])[: len(found)], 3)
 
 
 def path_power(traced: TracedFrame, radar: Radar) -> NDArray[np.float64]:

@@ -21,7 +21,7 @@ from shared.dataset.reading import radar_of
 from trainer.data.arrays import choose_array
 from trainer.metrics.bootstrap import bootstrap_mean
 from trainer.metrics.ranking import mean_average_precision, pooled
-from trainer.run.answers import array_answer, network_answer
+from trainer.run.answers import Answer, array_answer, network_answer
 from trainer.run.folder import load_imager
 from trainer.run.pretrained import pretrained_run
 
@@ -37,7 +37,7 @@ def main(
     opened = open_dataset(dataset)
     radar = radar_of(opened.description(), dataset / MANIFEST)
     frames = list(opened.frames("test", ("range_channel", "velocity", "image")))
-    answers = {f"{of}, {view}": array_answer(view, choose_array(of, radar), radar)
+    answers: dict[str, Answer] = {f"{of}, {view}": array_answer(view, choose_array(of, radar), radar)
                for of in (array, FULL) for view in VIEWS}  # fmt: skip
     for folder in (pretrained_run(array), *(runs or ())):
         answers[str(folder.name)] = network_answer(*load_imager(folder))

@@ -23,6 +23,7 @@ from trainer.data.arrays import choose_array
 from trainer.data.measurements import Cells
 from trainer.data.simulation import amplitude_of, in_plane, snapshot
 from trainer.estimators.base import ESTIMATORS
+from trainer.run.certainty import line_probability
 from trainer.run.detection_files import UNITS, records, write_csv, write_pcd
 from trainer.run.detections import Detections, Sought, find_detections, hann_envelope_db
 from trainer.run.predict import PredictRequest, predict
@@ -69,7 +70,8 @@ def test_each_target_is_one_detection_where_it_stands() -> None:
         assert abs(found.u[index] - angle) < 5.0 * found.u_std[index] + 1e-3
     # At most one false line in 630 rows of noise is stated; the front's curvature and range sidelobes may add one.
     assert len(found) <= len(u) + 2
-    assert np.isnan(found.probability).all()
+    assert ((found.probability > 0.5) & (found.probability < 1.0)).all()
+    assert np.argmax(found.snr_db) == np.argmax(found.probability) == 0
     assert not found.velocity.any()
 
 
@@ -166,8 +168,8 @@ def test_probability_orders_candidates_and_is_read_beside_the_line() -> None:
     probability = np.zeros((1, 630, 450), np.float32)
     probability[0, 150, place] = 0.8
     found = detect(at_rest([150.0], [U[place] + 0.001], [30.0]), np.zeros((1, 630)), probability)
-    assert found.probability[0] == pytest.approx(0.8)
-    assert ((found.probability >= 0.0) & (found.probability <= 1.0)).all()
+    assert found.probability[0] == pytest.approx(line_probability(found.snr_db[:1], np.array([0.8]))[0])
+    assert found.probability[0] > line_probability(found.snr_db[:1], np.array([0.1]))[0]
 
 
 def test_shapes_that_do_not_fit_are_refused() -> None:
@@ -178,8 +180,8 @@ def test_shapes_that_do_not_fit_are_refused() -> None:
 
 SOME = Detections(
     np.array([10.0, 20.0]), np.array([0.6, -0.8]), np.array([1.5, 0.0]), np.array([-100.0, -120.5]),
-    np.array([1e-4, 2e-3]), np.array([0.75, math.nan]), np.array([1e-3, 0.04]), np.array([0.05, 0.05]),
-    np.array([0.25, math.nan]), np.array([70, 64]),
+    np.array([1e-4, 2e-3]), np.array([0.75, 0.5]), np.array([1e-3, 0.04]), np.array([0.05, 0.05]),
+    np.array([0.25, math.nan]), np.array([70, 64]), np.array([30.0, 12.0]),
 )  # fmt: skip
 
 
@@ -189,8 +191,8 @@ def test_csv_has_a_line_a_detection(tmp_path) -> None:
         rows = list(csv.DictReader(handle))
     assert [row["frame_id"] for row in rows] == ["3", "3", "4", "4"]
     assert list(rows[0]) == ["frame_id", *UNITS]
-    assert [float(rows[0][name]) for name in UNITS] == [10.0, 0.6, 1.5, -100.0, 1e-4, 0.75, 1e-3, 0.05, 0.25, 70]
-    assert rows[1]["probability"] == rows[1]["moving"] == ""
+    assert [float(rows[0][name]) for name in UNITS] == [10.0, 0.6, 1.5, -100.0, 1e-4, 0.75, 1e-3, 0.05, 0.25, 70, 30]
+    assert rows[1]["moving"] == ""
 
 
 def test_a_point_cloud_says_what_it_holds(tmp_path) -> None:
@@ -202,36 +204,32 @@ def test_a_point_cloud_says_what_it_holds(tmp_path) -> None:
     for name in ("SIZE", "TYPE", "COUNT"):
         assert len(header[name].split()) == 7
     assert lines[11].split() == ["8", "6", "0", "-100", "1.5", "0.75", "0.25"]
-    assert lines[12].split() == ["12", "-16", "0", "-120.5", "0", "nan", "nan"]
+    assert lines[12].split() == ["12", "-16", "0", "-120.5", "0", "0.5", "nan"]
     assert len(lines) == 13
 
 
 def test_predict_writes_the_list_beside_the_image(tmp_path) -> None:
     data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run", detection=0.0)
-    said: list[str] = []
-    predict(PredictRequest(data, tmp_path / "out", run=run, split="test", pictures=False, points=True), said.append)
+    predict(PredictRequest(data, tmp_path / "out", run=run, split="test", pictures=False, points=True), lambda _: None)
     table = pq.read_table(tmp_path / "out/images.parquet")
     (found,) = table["detections"].to_pylist()
     assert len(found) >= 6  # one or two targets in every third of 24 range bins, far above the noise
     assert list(found[0]) == list(UNITS)
     assert json.loads(table.schema.metadata[b"sparseradar"])["points"] == {"cells": "peaks", "false_alarms": 1.0}
     assert [row["amplitude_db"] for row in found] == sorted((row["amplitude_db"] for row in found), reverse=True)
-    assert {row["probability"] for row in found} == {None}
+    assert all(0.0 < row["probability"] < 1.0 for row in found)
     assert json.loads(table.schema.metadata[b"sparseradar"])["units"]["detections"] == UNITS
-    assert said[0].endswith("has no detection head: the detections' probability is null")
-    predict(PredictRequest(data, tmp_path / "plain", run=run, split="test", pictures=False), said.append)
+    predict(PredictRequest(data, tmp_path / "plain", run=run, split="test", pictures=False), lambda _: None)
     assert pq.read_schema(tmp_path / "plain/images.parquet").names == ["frame_id", "image", "velocity"]
 
 
 @pytest.mark.parametrize("changes", [{}, {"model": "spectral-unet", "target": "class"}])
 def test_a_detection_head_and_a_network_of_probabilities_give_the_probability(tmp_path, changes: dict) -> None:
     data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run", **changes)
-    said: list[str] = []
-    predict(PredictRequest(data, tmp_path / "out", run=run, split="test", pictures=False, points=True), said.append)
+    predict(PredictRequest(data, tmp_path / "out", run=run, split="test", pictures=False, points=True), lambda _: None)
     (found,) = pq.read_table(tmp_path / "out/images.parquet")["detections"].to_pylist()
     assert len(found) >= 6
     assert all(0.0 < row["probability"] < 1.0 for row in found)
-    assert not any("detection head" in line for line in said)
 
 
 @pytest.mark.parametrize(("form", "files"), [("csv", ["detections.csv"]), ("pcd", ["frame-000200.pcd"])])

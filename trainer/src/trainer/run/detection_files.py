@@ -20,20 +20,20 @@ FORMATS = ("parquet", "csv", "pcd")
 CSV_FILE = "detections.csv"
 UNITS = {
     "range": "m", "u": "sin(azimuth)", "velocity": "m/s, receding", "amplitude_db": "dB re 1 sqrt(W)",
-    "u_std": "sin(azimuth), Cramer-Rao", "probability": "of a target; null without a detection head",
+    "u_std": "sin(azimuth), Cramer-Rao", "probability": "that an echo stands there",
     "range_std": "m, Cramer-Rao, or of a bin", "velocity_std": "m/s, Cramer-Rao, or of a Doppler cell",
     "moving": "probability of no part of the static world; null where the sensor's motion is not known",
-    "doppler_cell": "index on the rising velocity axis",
+    "doppler_cell": "index on the rising velocity axis", "snr_db": "dB over the noise of all channels added",
 }  # fmt: skip
 """Of the fields of a detection, in their order."""
 KINDS = {"doppler_cell": pa.int64()}
 """Of those that are no numbers of double precision."""
 DETECTION = pa.struct([
-    pa.field(name, KINDS.get(name, pa.float64()), nullable=name in ("probability", "moving")) for name in UNITS
+    pa.field(name, KINDS.get(name, pa.float64()), nullable=name == "moving") for name in UNITS
 ])  # fmt: skip
 COLUMN = pa.field("detections", pa.list_(pa.field("element", DETECTION, nullable=False)), nullable=False)
-"""list<struct<range, u, velocity, amplitude_db, u_std, probability, range_std, velocity_std, moving, doppler_cell>>,
-strongest first."""
+"""list<struct<range, u, velocity, amplitude_db, u_std, probability, range_std, velocity_std, moving, doppler_cell,
+snr_db>>, strongest first."""
 MOTION_UNITS = {"forward": "m/s", "left": "m/s", "forward_std": "m/s, 0 if told", "left_std": "m/s, 0 if told"}
 """Of the sensor's velocity in the radar frame."""
 MOTION = pa.field("motion", pa.struct([pa.field(name, pa.float64(), nullable=False) for name in MOTION_UNITS]))
@@ -48,10 +48,10 @@ def check_format(name: str) -> None:
 
 
 def records(found: Detections) -> list[dict[str, float | None]]:
-    """One dictionary a detection, a probability None where it is not known."""
+    """One dictionary a detection, ``moving`` None where it is not known."""
     columns = (
         found.range_m, found.u, found.velocity, found.amplitude_db, found.u_std, found.probability,
-        found.range_std, found.velocity_std, found.moving, found.doppler_cell,
+        found.range_std, found.velocity_std, found.moving, found.doppler_cell, found.snr_db,
     )  # fmt: skip
     rows = zip(*(column.tolist() for column in columns), strict=True)
     return [
@@ -71,7 +71,7 @@ def motion_column(motion: EgoMotion | None) -> pa.Array:
 
 
 def write_csv(path: Path, frames: Sequence[tuple[int, Detections]]) -> None:
-    """One line a detection, after its frame's index; an empty field where a probability is not known."""
+    """One line a detection, after its frame's index; an empty field where ``moving`` is not known."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["frame_id", *UNITS])

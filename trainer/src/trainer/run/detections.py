@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
-from shared.physics.units import amplitude_to_db, db_to_power
+from shared.physics.units import amplitude_to_db, db_to_power, power_to_db
 from shared.radar import Radar
 from shared.signal.ego_motion import EgoMotion, moving_probability
+from shared.signal.model_error import model_error_ratio, with_model_error
 from trainer.data.cfar import CELL_FALSE_ALARM
 from trainer.data.measurements import Cells
 from trainer.estimators.array import LineArray, uniform_axis
@@ -37,6 +38,7 @@ from trainer.estimators.fitting import (
 )
 from trainer.estimators.moves import beside_lines
 from trainer.estimators.velocities import UNIFORM, velocity_offsets
+from trainer.run.certainty import line_probability
 from trainer.run.false_alarms import first_line_probability
 
 CANDIDATES = 6
@@ -72,12 +74,13 @@ class Detections:
     :param velocity: [N] fitted where the cells beside its Doppler cell are known, else that cell's [m/s]
     :param amplitude_db: [N] of the line in its range-Doppler cell [dB re 1 sqrt(W)]
     :param u_std: [N] standard deviation of u by the Cramer-Rao bound
-    :param probability: [N] of a target, by the network's detection head; NaN where it has none
+    :param probability: [N] that an echo stands there, by :mod:`trainer.run.certainty`
     :param range_std: [N] likewise of the range, that of a uniform bin where it is the bin's [m]
     :param velocity_std: [N] likewise of the velocity [m/s]
     :param moving: [N] probability that it does not belong to the static world; NaN where the sensor's own motion is not
         known
     :param doppler_cell: [N] on the rising velocity axis, where its range-Doppler cell stands
+    :param snr_db: [N] of the line in its cell, all channels added, over the noise that the fit was told [dB]
     """
 
     range_m: NDArray[np.float64]
@@ -90,6 +93,7 @@ class Detections:
     velocity_std: NDArray[np.float64]
     moving: NDArray[np.float64]
     doppler_cell: NDArray[np.int64]
+    snr_db: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.u)
@@ -149,7 +153,8 @@ def find_detections(
         values = np.stack([snapshots[peaks_at[step], row[members] + step] for step in peaks_at], axis=1)
         at = RangePlace(range_m[row[members]], waveform.range_step_m)
         fitted = fit_groups(values, bins, array, at, candidates[members], test)
-        energy = np.sum(np.abs(values) ** 2, axis=(1, 2))
+        power = np.mean(np.abs(values) ** 2, axis=2)
+        noise = with_model_error(sought.noise_power, power.max(axis=1), model_error_ratio(sought.model_error_db))
         group, line = np.nonzero(np.abs(fitted.amplitude) > 0.0)
         shift = np.zeros(fitted.u.shape), np.full(fitted.u.shape, UNIFORM)
         if beside is not None:
@@ -159,9 +164,9 @@ def find_detections(
             shift = velocity_offsets(np.stack([below, values, above]), bins, array, at, fitted, sought.noise_power)
         columns = (fitted.u, fitted.offset, np.abs(fitted.amplitude), fitted.u_std, fitted.offset_std, *shift)
         found.append(np.stack([values[group, line] for values in columns]))
-        part.append(np.stack([members[group], energy[group]]))
+        part.append(np.stack([members[group], power.sum(axis=1)[group], noise[group]]))
     u, offset, amplitude, u_std, offset_std, shift, shift_std = np.concatenate([np.empty((7, 0)), *found], axis=1)
-    group, energy = np.concatenate([np.empty((2, 0)), *part], axis=1)
+    group, energy, noise = np.concatenate([np.empty((3, 0)), *part], axis=1)
     group = group.astype(np.intp)
     half_bin = 0.5 * radar.grid.step
     shown = (u >= axis[0] - half_bin) & (u <= axis[-1] + half_bin) & (np.abs(offset) <= OWN_BINS)
@@ -171,9 +176,8 @@ def find_detections(
     kept = lines.once(np.flatnonzero(shown), near, waveform.chirps)
     kept = lines.explained_by_none(kept, near, waveform.chirps, float(np.sqrt(least / array.channels)))
     peaks, rows = peak[group[kept]], row[group[kept]]
-    certain = np.full(len(kept), np.nan)
-    if probability is not None:
-        certain = _around(probability, peaks, rows, u[kept], axis)
+    head = None if probability is None else _around(probability, peaks, rows, u[kept], axis)
+    snr_db = lines.level_db[kept] + power_to_db(array.channels / noise[kept])
     centre_mps = np.asarray(velocity, dtype=np.float64)[peaks, rows]
     return Detections(
         range_m=lines.place[kept] * waveform.range_step_m,
@@ -181,11 +185,12 @@ def find_detections(
         velocity=centre_mps + shift[kept] * waveform.velocity_step_mps,
         amplitude_db=lines.level_db[kept],
         u_std=u_std[kept],
-        probability=certain,
+        probability=line_probability(snr_db, head),
         range_std=np.where(np.isnan(offset_std[kept]), UNIFORM, offset_std[kept]) * waveform.range_step_m,
         velocity_std=shift_std[kept] * waveform.velocity_step_mps,
         moving=np.full(len(kept), np.nan),
         doppler_cell=(lines.cell[kept] + waveform.chirps // 2) % waveform.chirps,
+        snr_db=snr_db,
     )
 
 

@@ -114,7 +114,7 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
         if said := statement(answer.radar):
             announce(said)
         lists: list[tuple[int, Detections]] = []
-        headless, drawn = False, None
+        drawn = None
         with (
             atomic(out / IMAGES) as partial,
             pq.ParquetWriter(partial, schema, compression="lz4") as writer,
@@ -127,7 +127,6 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
                     "image": _row(found.image, schema.field("image").type),
                     "velocity": _row(found.velocity, schema.field("velocity").type),
                 }
-                headless = request.points and found.headless and request.method is None
                 if found.points is not None:
                     row["detections"] = column(found.points)
                     row["motion"] = motion_column(found.measurement.motion)
@@ -149,8 +148,6 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
             from trainer.run.pictures import ANIMATION, save_animation
 
             save_animation(out / IMAGES, out / ANIMATION)
-    if headless:
-        announce(f"{request.run} has no detection head: the detections' probability is null")
     if motions.estimated:
         announce(str(motions))
     remark = precision_remark([answer.imager.config] if isinstance(answer, NetworkAnswer) else [])

@@ -58,14 +58,12 @@ class Prediction:
     :param image: [R, U] the maximum over its Doppler peaks
     :param velocity: [R, U] of the peak that has it [m/s]
     :param points: None where none were asked for
-    :param headless: the method gives no probability of a target
     """
 
     measurement: Measurement
     image: NDArray[np.float32]
     velocity: NDArray[np.float32]
     points: Detections | None
-    headless: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +125,7 @@ class Predictor:
                 Sought(measurement.noise_power, level, self.listed.false_alarms),
             )
             points = with_moving(points, measurement.motion, self.answer.radar)
-        return Prediction(measurement, *merge_peaks(images, measurement.velocity), points, probability is None)
+        return Prediction(measurement, *merge_peaks(images, measurement.velocity), points)
 
 
 def merge_peaks(

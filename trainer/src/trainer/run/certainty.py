@@ -1,0 +1,35 @@
+"""The probability that an echo stands where a line is listed.
+
+A line that passed the test for noise may still be none: the flank of a neighbour, a ghost of a board's errors, an echo
+of unlike ways out and back, which no one angle explains. How often that is so falls with the line's level L over the
+noise that the fit is told [dB], all channels added, and where a network has a detection head with the logit of what
+that says at the line:
+
+    P = 1 / (1 + exp(-(a + b L + c logit h)))
+
+(Platt, "Probabilistic outputs for support vector machines", 1999: the head's own h is the share of pixels that hold a
+peak of the truth, which few do). a, b and c are fitted to lines of simulated drives, of which the paths are known:
+docs/notes/points.md.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit, logit
+
+BY_LEVEL = (-1.2, 0.137, 0.0)
+"""(a, b, c) of a method without a detection head."""
+BY_HEAD = (2.3, 0.057, 0.55)
+"""(a, b, c) with one."""
+HIGHEST_DB = 45.0
+"""What is stronger is no more likely."""
+LEAST = 1e-4
+"""Of h and of 1 - h."""
+
+
+def line_probability(snr_db: NDArray[np.float64], head: NDArray[np.floating] | None) -> NDArray[np.float64]:
+    """P [N] of lines of L = ``snr_db`` [N], h = ``head`` [N]; None without a detection head."""
+    a, b, c = BY_LEVEL if head is None else BY_HEAD
+    said = 0.0 if head is None else logit(np.clip(head, LEAST, 1.0 - LEAST))
+    return np.asarray(expit(a + b * np.minimum(snr_db, HIGHEST_DB) + c * said))
