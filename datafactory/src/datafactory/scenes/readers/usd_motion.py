@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from datafactory.scenes.chain import Chain, Factor, Operation, Samples
 from datafactory.scenes.motion import Motion, Moving, Track, looked_at
 from datafactory.scenes.readers.common import Notes
-from datafactory.scenes.readers.usd_facts import source_path
 from datafactory.scenes.readers.usd_prims import whole_numbers
 from datafactory.scenes.readers.usd_samples import Clock, attribute_samples, numbers_of
 from datafactory.scenes.usd_library import Sdf, Usd, UsdGeom
@@ -266,6 +265,11 @@ def _instance_chains(
         return start_at.then(*steps, *transforms.factors(prototypes[prototype]))
 
     return chain
+
+
+def source_path(prim: Usd.Prim) -> Sdf.Path:
+    """The path under which a prim's values are kept: within an instance, that of the prototype's prim."""
+    return (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
 
 
 def columns(matrix: object) -> NDArray[np.float64]:
