@@ -114,11 +114,11 @@ def test_what_was_asked_for_is_placed_and_said(hill: Scene) -> None:
 
 def test_what_does_not_fit_is_said() -> None:
     yard = Scene("yard", (block("ground", (-9.0, -9.0, -1.0), (9.0, 9.0, 0.0), 0.0),))
-    scene = populated(yard, Asked(cars=5, poles=2), 0)
+    scene = populated(yard, Asked({"cars": 5, "poles": 2}), 0)
     assert scene.objects == yard.objects
     assert "0 of 5 cars placed: there is no more room on its free ground" in scene.warnings
     assert population_of(scene).placed == {"cars": 0, "poles": 0}
-    crowded = populated(two_blocks(), Asked(trucks=500), 0)
+    crowded = populated(two_blocks(), Asked({"trucks": 500}), 0)
     (line,) = crowded.warnings
     assert line.startswith(f"{population_of(crowded).placed['trucks']} of 500 trucks placed")
 
@@ -158,8 +158,8 @@ def test_sensors_stand_on_the_populated_road(hill: Scene) -> None:
 
 def test_a_request_is_read_back_as_it_is_told() -> None:
     assert parse_populate(ASKED.text) == ASKED
-    assert parse_populate(" cars = 3 , parked=0.25") == Asked(cars=3, parked=0.25)
-    dense = Asked(poles=2, densities=(("cars", 0.4),))
+    assert parse_populate(" cars = 3 , parked=0.25") == Asked({"cars": 3}, parked=0.25)
+    dense = Asked({"poles": 2}, densities={"cars": 0.4})
     assert parse_populate(dense.text) == dense
 
 

@@ -28,9 +28,7 @@ from datafactory.scenes.things import OF_MODELS, OTHER
 
 Real = NDArray[np.float64]
 Axes = tuple[Vector, Vector, Vector]
-
-
-Box = tuple[NDArray[np.float64], NDArray[np.float64]]
+Box = tuple[Real, Real]
 CLEAR_M = 3.0
 """A drawn sensor is so far from everything that drives or walks by: nothing passes through it."""
 TRIES = 64
@@ -210,35 +208,24 @@ def _corners(target: PointTarget) -> tuple[Real, Real]:
 
 
 class Movers:
-    """The boxes around everything that moves in a scene, upright and along the world's axes, at any time.
-
-    What is only shifted is measured once; of what turns, every vertex is placed anew.
-    """
+    """The boxes around everything that moves in a scene, upright and along the world's axes, at any time."""
 
     def __init__(self, scene: Scene) -> None:
-        moving = [item for item in scene.objects if item.moves]
-        self._turning = [item for item in moving if isinstance(item.motion, Moving)]
-        self._shifted = [
-            (item, (item.vertices.min(axis=0), item.vertices.max(axis=0)))
-            for item in moving
-            if not isinstance(item.motion, Moving)
-        ]
+        self._objects = [item for item in scene.objects if item.moves]
         self._targets = [item for item in scene.targets if item.moves]
-        every = [item.motion for item in moving] + [target.motion for target in self._targets]
+        every = [item.motion for item in (*self._objects, *self._targets)]
         self.rests_from_s = max((motion.ends_s for motion in every if motion is not None), default=np.inf)
         """From when on what has samples rests [s]; inf where nothing has."""
+        self.populated_s = scene.population.horizon_s if self and scene.population is not None else None
+        """A population's traffic runs from time 0 to here [s]; None without any, or where nothing moves."""
 
     def __bool__(self) -> bool:
-        return bool(self._turning or self._shifted or self._targets)
+        return bool(self._objects or self._targets)
 
     def boxes(self, time_s: float) -> list[Box]:
         """Lower and upper corner [3] [m] of each at a time [s]."""
         found: list[Box] = []
-        for item, (lower, upper) in self._shifted:
-            assert not isinstance(item.motion, Moving)
-            shift, _ = drift(item.velocity, item.motion, time_s)
-            found.append((lower + shift, upper + shift))
-        for item in self._turning:
+        for item in self._objects:
             vertices = item.at(time_s).vertices
             found.append((vertices.min(axis=0), vertices.max(axis=0)))
         for target in self._targets:
@@ -247,7 +234,7 @@ class Movers:
             found.append((middle - reach, middle + reach))
         return found
 
-    def clear_of(self, poses: Sequence[Pose], least_m: float) -> bool:
+    def clear_of(self, poses: Sequence[Pose], least_m: float = CLEAR_M) -> bool:
         """Whether poses, each at its time, keep at least this from every box [m]."""
         for pose in poses if self else ():
             corners = np.array(self.boxes(pose.time_s))
@@ -257,31 +244,11 @@ class Movers:
                 return False
         return True
 
-
-@dataclass(frozen=True, eq=False)
-class Traffic:
-    """What moves in a populated scene, for frames that have no time yet.
-
-    :param until_s: it runs from time 0 to here [s]
-    """
-
-    movers: Movers
-    until_s: float
-
-    @staticmethod
-    def of(scene: Scene) -> Traffic | None:
-        """None of a scene that is not populated, or in which nothing moves."""
-        movers = Movers(scene)
-        return Traffic(movers, scene.population.horizon_s) if scene.population is not None and movers else None
-
-    def clear_of(self, pose: Pose) -> bool:
-        """Whether a sensor keeps ``CLEAR_M`` from everything at its pose's time."""
-        return self.movers.clear_of([pose], CLEAR_M)
-
     def at_a_clear_time(self, pose: Pose, rng: np.random.Generator) -> Pose:
-        """The pose at a drawn time at which nothing is near; at the last of 64 drawn ones where something always is."""
-        for time_s in rng.uniform(0.0, self.until_s, TRIES).tolist():
+        """The pose at a time of the traffic at which nothing is near; at the last of 64 where something always is."""
+        assert self.populated_s is not None
+        for time_s in rng.uniform(0.0, self.populated_s, TRIES).tolist():
             pose = replace(pose, time_s=time_s)
-            if self.clear_of(pose):
+            if self.clear_of([pose]):
                 break
         return pose
