@@ -109,7 +109,7 @@ def parse_populate(text: str) -> Asked:
 def _number(kind: str, value: str, most: float, expected: str, whole: bool = False) -> float:
     """:raises InputError: no number from 0 to ``most``, or no ``whole`` one"""
     try:
-        number = float(value.removesuffix(PER_100_M))
+        number = float(value.removesuffix(PER_100_M) if kind in COUNTED else value)
     except ValueError:
         number = math.nan
     if not 0.0 <= number <= most or (whole and not (value.isascii() and value.isdigit())):
