@@ -147,45 +147,42 @@ class Shape:
 
     def number(self, key: str, default: float) -> float:
         """A positive number."""
-        value = self._value(key, ("float", "integer"), "a positive number")
-        if value is None:
-            return default
-        (number,) = self._numbers(key, value.get("value", ""), 1, "a positive number")
+        (number,) = self._numbers(key, ("float", "integer"), (default,), "a positive number").tolist()
         if number <= 0:
             raise self.error(f"{key} = {number:g}", "a positive number")
         return float(number)
 
     def point(self, key: str, default: tuple[float, float, float]) -> NDArray[np.float64]:
-        value = self._value(key, ("point", "vector"), "a <point>")
-        if value is None:
-            return np.array(default)
-        text = value.get("value") or " ".join(value.get(axis, "0") for axis in "xyz")
-        return self._numbers(key, text, 3, "three finite numbers")
+        return self._numbers(key, ("point", "vector"), default, "a <point> of three finite numbers")
 
     def flag(self, key: str) -> bool:
-        value = self._value(key, ("boolean",), "true or false")
-        text = "false" if value is None else value.get("value", "").strip().lower()
+        text = self._value(key, ("boolean",), "true or false").get("value", "false").strip().lower()
         if text not in ("true", "false"):
             raise self.error(f"{key} = {text!r}", "true or false")
         return text == "true"
 
     def text(self, key: str) -> str:
-        value = self._value(key, ("string",), "a <string>")
-        if value is None or not value.get("value"):
+        text = self._value(key, ("string",), "a <string>").get("value")
+        if not text:
             raise self.error(f"no {key}", "a <string> with a value")
-        return value["value"]
+        return text
 
-    def _value(self, key: str, tags: tuple[str, ...], expected: str) -> dict[str, str] | None:
-        if key not in self.properties:
-            return None
-        tag, attributes = self.properties[key]
+    def _value(self, key: str, tags: tuple[str, ...], expected: str) -> dict[str, str]:
+        """The attributes of a property; none where it is not there."""
+        tag, attributes = self.properties.get(key, (tags[0], {}))
         if tag not in tags:
             raise self.error(f"{key} = {attributes.get('value', '')!r} is a <{tag}>", expected)
         return attributes
 
-    def _numbers(self, key: str, text: str, size: int, expected: str) -> NDArray[np.float64]:
+    def _numbers(
+        self, key: str, tags: tuple[str, ...], default: tuple[float, ...], expected: str
+    ) -> NDArray[np.float64]:
+        given = self._value(key, tags, expected)
+        if key not in self.properties:
+            return np.array(default)
+        text = given.get("value") or " ".join(given.get(axis, "0") for axis in "xyz")
         numbers = _numbers(text)
-        if numbers is None or len(numbers) != size:
+        if numbers is None or len(numbers) != len(default):
             raise self.error(f"{key} = {text!r}", expected)
         return numbers
 
