@@ -132,23 +132,14 @@ class SeenThing:
 
 def seen_things(things: Sequence[BoxedThing], pose: Pose) -> tuple[SeenThing, ...]:
     """The things at a pose's time, in its frame."""
-    return tuple(_seen(thing, thing.at(pose.time_s), pose) for thing in things)
-
-
-def _seen(thing: BoxedThing, box: WorldBox, pose: Pose) -> SeenThing:
-    rotation = pose.rotation()
-    forward, left, up = map(triple, box.axes @ rotation)
-    return SeenThing(
-        name=thing.name,
-        class_name=thing.class_name,
-        center=triple((box.center - np.asarray(pose.position)) @ rotation),
-        size=triple(box.size),
-        forward=forward,
-        left=left,
-        up=up,
-        velocity=triple((box.velocity - np.asarray(pose.velocity)) @ rotation),
-        indices=thing.indices,
-    )
+    rotation, found = pose.rotation(), []
+    for thing in things:
+        box = thing.at(pose.time_s)
+        center = triple((box.center - np.asarray(pose.position)) @ rotation)
+        velocity = triple((box.velocity - np.asarray(pose.velocity)) @ rotation)
+        axes = map(triple, box.axes @ rotation)
+        found.append(SeenThing(thing.name, thing.class_name, center, triple(box.size), *axes, velocity, thing.indices))
+    return tuple(found)
 
 
 def _class_of(item: SceneObject | PointTarget) -> str:

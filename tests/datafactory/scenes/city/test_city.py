@@ -15,7 +15,7 @@ import pytest
 import trimesh
 from factory_command import run
 from pxr import Sdf, Usd
-from scene_solids import city_solids
+from scene_solids import city_solids, triangles_of
 from solids import intersecting
 
 from datafactory.scenes.city import furniture
@@ -84,7 +84,7 @@ def test_no_body_is_in_another(style: Style, seed: int) -> None:
     """By the meshes themselves."""
     placements = placements_of(style, seed)
     assert intersecting(city_solids(placements)) == []
-    triangles = sum(len(item.surface.triangles()) for item in placements if item.surface is not None)
+    triangles = sum(len(triangles_of(item.surface)) for item in placements if item.surface is not None)
     assert 15_000 < triangles < LARGEST
     assert {item.radar_class for item in placements} - {""} <= CLASSES
 
@@ -186,7 +186,7 @@ RNG = np.random.default_rng(3)
 
 
 def as_mesh(surface: Surface) -> trimesh.Trimesh:
-    return trimesh.Trimesh(surface.vertices, surface.triangles(), process=False)
+    return trimesh.Trimesh(surface.vertices, triangles_of(surface), process=False)
 
 
 def house(shape: str, glazed: tuple[str, ...], **fields: object) -> Building:
