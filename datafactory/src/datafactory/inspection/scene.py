@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,9 +83,6 @@ class SceneReport:
     dropped: tuple[str, ...]
     ground_m2: dict[str, float]
     remarks: tuple[str, ...]
-
-    def to_json(self) -> dict[str, Any]:
-        return asdict(self)
 
 
 def examine_scene(scene: Scene, table: MaterialTable) -> SceneReport:
@@ -169,7 +165,9 @@ def _remarks(scene: Scene, mapping: MaterialMapping) -> Iterator[str]:
     if not scene.objects:
         return
     merged = merge_scene(scene, mapping)
-    panes = {slab.name for slab in merged.slabs if _one_way_db(slab) > PANE_DB}
+    every = np.arange(len(merged.slabs))
+    one_way, _ = Slabs(list(merged.slabs), MID_SWEEP_HZ).transmission(every, np.ones(len(every)))
+    panes = {slab.name for slab, level in zip(merged.slabs, amplitude_to_db(one_way), strict=True) if level > PANE_DB}
     if panes:
         yield f"{', '.join(sorted(panes))} let waves through; every surface is one slab: a pane drawn as a box is two"
     yield from curved_surfaces_of(merged).notes()
@@ -190,8 +188,3 @@ def _remarks(scene: Scene, mapping: MaterialMapping) -> Iterator[str]:
     turning = [item for item in scene.objects if isinstance(item.motion, Moving)]
     if turning:
         yield f"{len(turning)} objects turn or deform: within a frame each point goes straight on with its own velocity"
-
-
-def _one_way_db(slab: Any) -> float:
-    te, _ = Slabs([slab], MID_SWEEP_HZ).transmission(np.zeros(1, dtype=np.int64), np.ones(1))
-    return float(amplitude_to_db(te)[0])

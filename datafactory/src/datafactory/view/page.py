@@ -99,16 +99,10 @@ def page_data(subject: Subject, shown: Shown | None) -> dict[str, Any]:
 
 def _kinds(shown: Shown) -> list[dict[str, Any]]:
     return [
-        {
-            "name": kind,
-            "colour": css(colour),
-            "found": shown.found[kind],
-            "paths": [
-                {"points": _rounded(path.points), "text": _said(path)} for path in shown.paths if path.kind == kind
-            ],
-        }
+        {"name": kind, "colour": css(colour), "found": shown.found[kind],
+         "paths": [{"points": _rounded(path.points), "text": _said(path)} for path in shown.paths if path.kind == kind]}
         for kind, colour in KINDS.items()
-    ]
+    ]  # fmt: skip
 
 
 def _said(path: ShownPath) -> str:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from hashlib import sha256
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +13,12 @@ from numpy.typing import NDArray
 from datafactory.scenes.chain import Chain
 from datafactory.scenes.ground import Ground, free_ground
 from datafactory.scenes.motion import Track, triple
+from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.targets.models import RcsModel
 from datafactory.scenes.targets.road_users import Cyclist, Pedestrian
 from datafactory.scenes.things import Label, Population, Strip
-from datafactory.scenes.traffic.arrange import Arranged, Asked, arrange, asset
+from datafactory.scenes.traffic.arrange import Arranged, Asked, arrange, asset, parse_populate
 from datafactory.scenes.traffic.stretches import HORIZON_S, find_stretches
 
 Mask = NDArray[np.bool_]
@@ -71,6 +74,15 @@ def populated(scene: Scene, asked: Asked, seed: int) -> Scene:
         warnings=(*scene.warnings, *population.left_out()),
         population=population,
     )
+
+
+def recorded(entry: Mapping[str, Any], source: str) -> Scene:
+    """The scene of a manifest's entry, populated as it was.
+
+    :param source: where it is now
+    """
+    scene, put_in = open_scene(source), entry.get("population")
+    return scene if put_in is None else populated(scene, parse_populate(put_in["populate"]), put_in["seed"])
 
 
 def _meshes(name: str, placement: Arranged) -> list[SceneObject]:
