@@ -137,8 +137,9 @@ def seen_things(things: Sequence[BoxedThing], pose: Pose) -> tuple[SeenThing, ..
         box = thing.at(pose.time_s)
         center = triple((box.center - np.asarray(pose.position)) @ rotation)
         velocity = triple((box.velocity - np.asarray(pose.velocity)) @ rotation)
-        axes = map(triple, box.axes @ rotation)
-        found.append(SeenThing(thing.name, thing.class_name, center, triple(box.size), *axes, velocity, thing.indices))
+        forward, left, up = map(triple, box.axes @ rotation)
+        where = center, triple(box.size), forward, left, up, velocity
+        found.append(SeenThing(thing.name, thing.class_name, *where, thing.indices))
     return tuple(found)
 
 
@@ -204,7 +205,7 @@ class Movers:
     def __init__(self, scene: Scene) -> None:
         self._objects = [item for item in scene.objects if item.moves]
         self._targets = [item for item in scene.targets if item.moves]
-        every = [item.motion for item in (*self._objects, *self._targets)]
+        every = [item.motion for item in self._objects] + [target.motion for target in self._targets]
         self.rests_from_s = max((motion.ends_s for motion in every if motion is not None), default=np.inf)
         """From when on what has samples rests [s]; inf where nothing has."""
         self.populated_s = scene.population.horizon_s if self and scene.population is not None else None

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.ground import Ground
+from datafactory.scenes.motion import Track
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.traffic.stretches import FURNITURE_M, Course, Layout, Line, Stretch, layout_of, spaced, tilted
 from shared.physics.errors import InputError, meant
@@ -161,6 +162,9 @@ class Arranged:
     axes: np.ndarray
     course: tuple[Course, float] | None = None
     stature_m: float = 0.0
+
+    def motion(self) -> Track | None:
+        return None if self.course is None else self.course[0].track(self.course[1])
 
 
 def arrange(stretches: Sequence[Stretch], ground: Ground, asked: Asked, rng: np.random.Generator) -> list[Arranged]:

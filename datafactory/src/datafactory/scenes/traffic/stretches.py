@@ -117,12 +117,11 @@ def find_stretches(ground: Ground, blocked: Mask, wanted_m: float, rng: np.rando
         return ()
     cells = cells[rng.permutation(len(cells))[:CANDIDATES]]
     found = _candidates(ground, width, cells)
-    order = sorted(range(len(found)), key=lambda n: -found[n][0] * rng.uniform(0.75, 1.0))
+    strips = [strip for _, strip in sorted(found, key=lambda item: -item[0] * rng.uniform(0.75, 1.0))]
     chosen: list[Stretch] = []
     left_over: list[Strip] = []
     lengths = [0.0] * len(SHARES)
-    for number in order:
-        strip = found[number][1]
+    for strip in strips:
         region = _region(ground, strip)
         if region < 0 or lengths[region] >= wanted_m * SHARES[region] / sum(SHARES):
             left_over.append(strip)
@@ -130,12 +129,10 @@ def find_stretches(ground: Ground, blocked: Mask, wanted_m: float, rng: np.rando
             chosen.append(stretch)
             lengths[region] += stretch.strip.length_m
     for strip in left_over:
-        if sum(lengths) >= wanted_m:
+        if sum(item.strip.length_m for item in chosen) >= wanted_m:
             break
-        region = _region(ground, strip)
-        if (stretch := _fitting(ground, strip, region, chosen)) is not None:
+        if (stretch := _fitting(ground, strip, _region(ground, strip), chosen)) is not None:
             chosen.append(stretch)
-            lengths[max(region, 0)] += stretch.strip.length_m
     return tuple(chosen)
 
 
