@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,7 +152,7 @@ class Scene(Told):
             f"{len(self.targets)} point targets; {moving} of them move"
         ]
         if self.objects or self.targets:
-            lower, upper = self._corners
+            lower, upper = self.bounds()
             axes = zip("xyz", lower, upper, strict=True)
             told.append("spans " + ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in axes) + " m")
         if self.source:
@@ -169,11 +168,6 @@ class Scene(Told):
 
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lower and upper corner [m] of everything in the scene, each [3]."""
-        lower, upper = self._corners
-        return lower.copy(), upper.copy()
-
-    @cached_property
-    def _corners(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         corners = [np.array([target.position, target.position]) for target in self.targets]
         corners += [np.stack([item.vertices.min(axis=0), item.vertices.max(axis=0)]) for item in self.objects]
         every = np.stack(corners)

@@ -33,8 +33,6 @@ MAXIMUM_NESTING = 64
 """Levels of instances within instances."""
 PLAUSIBLE_METRES = (0.1, 50e3)
 """Of a scene's longest side: a tin can, a city."""
-
-
 Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # (x, y, z) -> (x, -z, y)
 FLAT = 1e-12  # twice a triangle's area over its longest edge squared: below this float64 cannot tell it from a line
 WAVELENGTH_M = SPEED_OF_LIGHT / 77e9
@@ -169,11 +167,6 @@ def _has_area(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
     return solid
 
 
-def phase_error_deg(spacing_m: float) -> float:
-    """Two-way phase error [deg] at 77 GHz of a vertex on a grid of this spacing [m]."""
-    return 360.0 * spacing_m / WAVELENGTH_M
-
-
 def vertex_spacing_m(points: NDArray[np.floating], matrix: NDArray[np.float64]) -> float:
     """Spacing [m] of the numbers that a mesh's farthest vertex is written in; 0 for float64, which is always fine.
 
@@ -194,11 +187,12 @@ def note_coarse_vertices(spacings_m: Sequence[float], notes: Notes) -> None:
 
     :param spacings_m: :func:`vertex_spacing_m` of every mesh
     """
-    coarse = [spacing for spacing in spacings_m if phase_error_deg(spacing) > COARSE_DEG]
+    worst_deg = 360.0 * max(spacings_m, default=0.0) / WAVELENGTH_M
+    coarse = [spacing for spacing in spacings_m if 360.0 * spacing / WAVELENGTH_M > COARSE_DEG]
     if coarse:
         notes.count(
             f"# meshes have float32 vertices far from their origin, {max(coarse) * 1e3:.2g} mm apart: phases at 77 GHz "
-            f"are wrong by up to {phase_error_deg(max(coarse)):.0f} deg; hold the offset in a transform or in doubles",
+            f"are wrong by up to {worst_deg:.0f} deg; hold the offset in a transform or in doubles",
             len(coarse),
         )
 
