@@ -107,7 +107,7 @@ def test_what_was_asked_for_is_placed_and_said(hill: Scene) -> None:
     assert labels.count("bicycle") == population.placed["cyclists"]
     assert labels.count("pedestrian") == population.placed["pedestrians"]
     assert len(things) == sum(population.placed.values())
-    assert "6 cars" in population.lines()[0]
+    assert "6 cars" in population.line()
     slots = 2 * sum(int((road.length_m - 13.0) / 6.2) for road in population.roads)
     assert population.placed["parked"] == pytest.approx(0.6 * slots, abs=2)
 

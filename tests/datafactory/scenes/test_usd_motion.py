@@ -53,7 +53,7 @@ def test_every_segment_of_a_track_counts(tmp_path: Path) -> None:
         np.testing.assert_allclose(now.vertices.mean(axis=0), place, atol=1e-9)
         np.testing.assert_allclose(now.velocities, np.tile(velocity, (8, 1)), atol=1e-9)
     assert item.velocity == pytest.approx((4, 0, 0))
-    np.testing.assert_allclose(scene.at(1.5).objects[0].vertices.mean(axis=0), (14, 2, 0), atol=1e-9)
+    np.testing.assert_allclose(scene.objects[0].at(1.5).vertices.mean(axis=0), (14, 2, 0), atol=1e-9)
 
 
 def test_objects_of_one_track_are_one_motion(tmp_path: Path) -> None:

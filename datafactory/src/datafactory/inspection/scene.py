@@ -161,7 +161,7 @@ def _ground(scene: Scene) -> tuple[dict[str, float], tuple[str, ...]]:
 def _remarks(scene: Scene, mapping: MaterialMapping) -> Iterator[str]:
     """Sentences, each with its figure."""
     if scene.population is not None:
-        yield from scene.population.lines()
+        yield scene.population.line()
     if not scene.objects:
         return
     merged = merge_scene(scene, mapping)

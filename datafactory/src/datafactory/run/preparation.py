@@ -218,8 +218,8 @@ def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> Pr
     materials = table.map_materials([item.material for item in scene.objects])
     for warning in scene.warnings:
         announce(f"{scene.name}: {warning}")
-    for line in scene.population.lines() if scene.population is not None else ():
-        announce(f"{scene.name}: {line}")
+    if scene.population is not None:
+        announce(f"{scene.name}: {scene.population.line()}")
     mapped = [f"{name or '(none)'} -> {material.name}" for name, (material, _) in materials.entries.items()
               if name != material.name]  # fmt: skip
     told = f"{len(materials.entries)} materials{', ' if mapped else ''}{', '.join(mapped)}"

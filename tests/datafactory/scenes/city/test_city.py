@@ -283,7 +283,7 @@ def test_stepped_surface_adds_the_kerb_to_the_flat_area() -> None:
 
 def test_framed_pane_lies_behind_its_outline_by_the_recess() -> None:
     outline = np.array([(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (2.0, 0.0, 1.0), (0.0, 0.0, 1.0)])  # normal -y
-    panes = [item for item in framed_pane(outline, 0.1, 0.05, "wood", "glass") if item.material == "glass"]
+    panes = [item for item in framed_pane(outline, 0.1, 0.05, "wood") if item.material == "glass"]
     assert len(panes) == 1
     assert panes[0].corners == pytest.approx(
         np.array([(0.1, 0.05, 0.1), (1.9, 0.05, 0.1), (1.9, 0.05, 0.9), (0.1, 0.05, 0.9)])

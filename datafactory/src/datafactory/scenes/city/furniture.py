@@ -242,7 +242,7 @@ def car(shape: CarShape) -> Surface:
     rear, front = 3, 4  # where the rear window and the windscreen meet the waistline
 
     def pane(*corners: NDArray[np.float64]) -> list[Polygon]:
-        return framed_pane(np.array(corners), 0.06, 0.01, "metal", "glass")
+        return framed_pane(np.array(corners), 0.06, 0.01, "metal")
 
     # The outline runs counter-clockwise seen from the left; the cabin stands on the edge from rear to front.
     polygons = [Polygon(left, "metal"), Polygon(right[::-1], "metal")]
@@ -294,7 +294,7 @@ def _glazed_box(
             for bottom, top in pairwise(levels):
                 quad = np.array([(*a, bottom), (*b, bottom), (*b, top), (*a, top)])
                 if count and low <= bottom < high:
-                    polygons += framed_pane(quad, 0.08, 0.02, "metal", "glass")
+                    polygons += framed_pane(quad, 0.08, 0.02, "metal")
                 else:
                     polygons.append(Polygon(quad, "metal"))
     for z, turn in ((z1, 1), (z0, -1)):

@@ -148,8 +148,8 @@ def stepped_surface(
     return polygons
 
 
-def framed_pane(corners: NDArray[np.float64], border: float, recess: float, frame: str, pane: str) -> list[Polygon]:
-    """A planar quad as a frame around a pane that lies ``recess`` behind it; the outline stays as it is.
+def framed_pane(corners: NDArray[np.float64], border: float, recess: float, frame: str) -> list[Polygon]:
+    """A planar quad as a frame around a pane of glass that lies ``recess`` behind it; the outline stays as it is.
 
     :param corners: [4, 3] outline [m], counter-clockwise seen from outside; parallel sides 0-1 and 2-3
     :param border: width of the frame [m]
@@ -165,7 +165,7 @@ def framed_pane(corners: NDArray[np.float64], border: float, recess: float, fram
     inner = np.array([inside(along, up), inside(1 - along, up), inside(1 - along, 1 - up), inside(along, 1 - up)])
     normal = np.cross(b - a, d - a)
     sunk = inner - recess * normal / np.linalg.norm(normal)
-    polygons = [Polygon(sunk, pane)]
+    polygons = [Polygon(sunk, "glass")]
     for i, j in [(0, 1), (1, 2), (2, 3), (3, 0)]:
         polygons.append(Polygon(np.array([corners[i], corners[j], inner[j], inner[i]]), frame))
         polygons.append(Polygon(np.array([inner[i], inner[j], sunk[j], sunk[i]]), frame))

@@ -59,10 +59,10 @@ class Clock:
         """Seconds since the start."""
         return (code - self.start) / self.codes_per_second
 
-    def saw(self, first_s: float, last_s: float) -> None:
-        """Take note of an animation's first and last sample."""
+    def saw(self, times_s: list[float]) -> None:
+        """Take note of an animation's samples."""
         end_s = np.inf if self.end is None else self.seconds(self.end)
-        self._outside += int(first_s < 0.0 or last_s > end_s)
+        self._outside += int(times_s[0] < 0.0 or times_s[-1] > end_s)
 
     def note_outside(self, notes: Notes) -> None:
         """Say how many animations have samples outside of the stated range."""
@@ -99,7 +99,7 @@ def attribute_samples(attribute: Usd.Attribute, clock: Clock, notes: Notes) -> S
     if any(value.shape != values[0].shape for value in values):
         notes.count("# animated attributes change their size: taken as they are at the start")
         return None
-    clock.saw(times[0], times[-1])
+    clock.saw(times)
     return Samples(np.array(times), np.stack(values))
 
 
@@ -117,7 +117,7 @@ def _of_spline(spline: Any, clock: Clock, notes: Notes) -> Samples | None:
         codes += [high, high]
         values += [float(spline.EvalPreValue(high)), float(spline.Eval(high))]
     times = [clock.seconds(code) for code in codes]
-    clock.saw(times[0], times[-1])
+    clock.saw(times)
     return Samples(np.array(times), np.array(values)[:, None])
 
 

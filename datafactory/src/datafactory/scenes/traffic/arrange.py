@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -18,7 +18,19 @@ from numpy.typing import NDArray
 from datafactory.scenes.ground import Ground
 from datafactory.scenes.motion import Track
 from datafactory.scenes.readers.open import open_scene
-from datafactory.scenes.traffic.stretches import FURNITURE_M, Course, Layout, Line, Stretch, layout_of, spaced, tilted
+from datafactory.scenes.scene import SceneObject
+from datafactory.scenes.things import Strip
+from datafactory.scenes.traffic.stretches import (
+    FURNITURE_M,
+    Course,
+    Layout,
+    Line,
+    Stretch,
+    layout_of,
+    plane_under,
+    spaced,
+    tilted,
+)
 from shared.physics.errors import InputError, meant
 
 LARGEST_COUNT = 2000
@@ -123,12 +135,12 @@ class Asset:
     """A thing in its own frame, x ahead, standing at z = 0.
 
     :param label: its class, as its file has it
-    :param parts: of each mesh a name, its vertices [V, 3] [m], triangles [T, 3] and material
+    :param parts: its meshes
     :param foot: length and width of what of it stands below ``REACH_M``, about the origin [m]
     """
 
     label: str
-    parts: tuple[tuple[str, Real, NDArray[np.int32], str], ...]
+    parts: tuple[SceneObject, ...]
     foot: tuple[float, float]
 
 
@@ -136,10 +148,8 @@ class Asset:
 def asset(name: str) -> Asset:
     """The asset in ``scenes/assets/NAME.usda``."""
     scene = open_scene(f"shipped:assets/{name}")
-    parts = tuple(
-        (item.name.rpartition("/")[2].lower(), item.vertices, item.triangles, item.material) for item in scene.objects
-    )
-    points = np.concatenate([vertices for _, vertices, _, _ in parts])
+    parts = tuple(replace(item, name=item.name.rpartition("/")[2].lower()) for item in scene.objects)
+    points = np.concatenate([item.vertices for item in parts])
     low = points[points[:, 2] <= REACH_M]
     half = np.abs(low[:, :2]).max(axis=0)
     label = next(item.label.class_name for item in scene.objects if item.label is not None)
@@ -279,15 +289,10 @@ def standing(
     x, y, _ = stretch.point(along, left).tolist()
     heading = stretch.strip.heading_rad + turn_rad
     foot = asset(what).foot
-    span = 0.5 * np.maximum(foot, ground.cell_m)
-    ahead, aside = (axis.ravel() for axis in np.meshgrid(*(np.linspace(-half, half, 3) for half in span)))
-    cosine, sine = np.cos(heading), np.sin(heading)
-    z = ground.heights_at(x + cosine * ahead - sine * aside, y + sine * ahead + cosine * aside)
-    if not np.isfinite(z).all():
+    length, width = np.maximum(foot, ground.cell_m).tolist()
+    plane = plane_under(ground, Strip((x, y), heading, length, 0.5 * width), (3, 3), UNEVEN_M)
+    if plane is None:
         return None
-    plane = np.linalg.lstsq(np.stack([np.ones_like(ahead), ahead, aside], axis=1), z, rcond=None)[0]
-    if np.abs(plane[0] + plane[1] * ahead + plane[2] * aside - z).max() > UNEVEN_M:
-        return None
+    level, rise, tilt = plane
     upright = max(foot) < 1.0  # a post stands plumb on a slope
-    axes = tilted(heading, 0.0, 0.0) if upright else tilted(heading, float(plane[1]), float(plane[2]))
-    return Arranged(kind, what, (x, y, float(plane[0])), axes)
+    return Arranged(kind, what, (x, y, level), tilted(heading, 0.0, 0.0) if upright else tilted(heading, rise, tilt))

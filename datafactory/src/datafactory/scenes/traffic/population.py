@@ -16,8 +16,7 @@ from datafactory.scenes.ground import Ground, free_ground
 from datafactory.scenes.motion import triple
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
-from datafactory.scenes.targets.models import RcsModel
-from datafactory.scenes.targets.road_users import Cyclist, Pedestrian
+from datafactory.scenes.targets.models import Cyclist, Pedestrian, RcsModel
 from datafactory.scenes.things import Label, Population, Strip
 from datafactory.scenes.traffic.arrange import Arranged, Asked, arrange, asset, parse_populate
 from datafactory.scenes.traffic.stretches import HORIZON_S, find_stretches
@@ -88,12 +87,13 @@ def recorded(entry: Mapping[str, Any], source: str) -> Scene:
 
 def _meshes(name: str, placement: Arranged) -> list[SceneObject]:
     """The meshes of an asset in their place."""
-    what, origin = asset(placement.what), np.array(placement.position)
-    known = {"motion": placement.motion(), "label": _label(name, placement, what.label)}
-    return [
-        SceneObject(f"{name}/{part}", vertices @ placement.axes + origin, triangles, material, **known).as_it_moves()
-        for part, vertices, triangles, material in what.parts
-    ]
+    what, origin, motion = asset(placement.what), np.array(placement.position), placement.motion()
+    label, found = _label(name, placement, what.label), []
+    for part in what.parts:
+        vertices = part.vertices @ placement.axes + origin
+        moved = replace(part, name=f"{name}/{part.name}", vertices=vertices, motion=motion, label=label)
+        found.append(moved.as_it_moves())
+    return found
 
 
 def _road_user(name: str, placement: Arranged) -> PointTarget:

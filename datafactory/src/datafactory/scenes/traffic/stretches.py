@@ -17,7 +17,7 @@ its end too. The leap is the one thing that no vehicle does; it happens at the e
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,20 +173,32 @@ def _fitting(ground: Ground, strip: Strip, region: int, others: Sequence[Stretch
         return None
     half = min(strip.half_width_m - CLEARANCE_M, 3.0)
     while strip.length_m >= SHORTEST_M:
-        along, left = (axis.ravel() for axis in np.meshgrid(
-            np.linspace(-0.5, 0.5, 41) * strip.length_m, np.linspace(-half, half, 5)
-        ))  # fmt: skip
-        flat = Stretch(strip, (0.0, 0.0, 0.0), region)
-        x, y = np.array([flat.point(a, b)[:2] for a, b in zip(along, left, strict=True)]).T
-        z = ground.heights_at(x, y)
-        if np.isfinite(z).all():
-            base = np.stack([np.ones_like(along), along, left], axis=1)
-            plane = np.linalg.lstsq(base, z, rcond=None)[0]
-            if np.abs(base @ plane - z).max() <= UNEVEN_M:
-                level, rise, tilt = (float(value) for value in plane)
-                return Stretch(strip, (level, rise, tilt), region)
-        strip = Strip(strip.middle, strip.heading_rad, 0.7 * strip.length_m, strip.half_width_m)
+        plane = plane_under(ground, replace(strip, half_width_m=half), (41, 5), UNEVEN_M)
+        if plane is not None:
+            return Stretch(strip, plane, region)
+        strip = replace(strip, length_m=0.7 * strip.length_m)
     return None
+
+
+def plane_under(ground: Ground, strip: Strip, points: tuple[int, int], uneven_m: float) -> Vector | None:
+    """Height [m] of a strip's middle, and the slopes along it and to its left, by least squares.
+
+    :param points: along and across, at which the ground is looked at
+    :param uneven_m: how far it may be off the plane there; None beyond, and where there is no ground
+    """
+    half = 0.5 * strip.length_m, strip.half_width_m
+    along, left = (axis.ravel() for axis in np.meshgrid(*(
+        reach * np.linspace(-1.0, 1.0, count) for reach, count in zip(half, points, strict=True)
+    )))  # fmt: skip
+    cosine, sine = np.cos(strip.heading_rad), np.sin(strip.heading_rad)
+    x, y = strip.middle
+    z = ground.heights_at(x + cosine * along - sine * left, y + sine * along + cosine * left)
+    if not np.isfinite(z).all():
+        return None
+    base = np.stack([np.ones_like(along), along, left], axis=1)
+    plane = np.linalg.lstsq(base, z, rcond=None)[0]
+    level, rise, tilt = plane.tolist()
+    return (level, rise, tilt) if np.abs(base @ plane - z).max() <= uneven_m else None
 
 
 @dataclass(frozen=True)
