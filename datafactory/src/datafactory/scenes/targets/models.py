@@ -39,20 +39,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.targets.bodies import (
-    Cylinder,
-    Dihedral,
-    Extent,
-    Motion,
-    MovingParts,
-    Plate,
-    RcsModel,
-    Rigid,
-    Sphere,
-    Trihedral,
-    text_without_defaults,
-    unit,
-)
+from datafactory.scenes.targets import bodies
+from datafactory.scenes.targets.bodies import Extent, Motion, MovingParts, RcsModel, Rigid, text_without_defaults, unit
 from datafactory.scenes.targets.walking import FASTEST_RV, leg_m, parts_of_walker
 from shared.physics.units import db_to_power
 
@@ -262,15 +250,10 @@ def rolling_wheels(
 
 
 MODELS: dict[str, type] = {
-    "car": Car,
-    "pedestrian": Pedestrian,
-    "cyclist": Cyclist,
-    "sphere": Sphere,
-    "cylinder": Cylinder,
-    "plate": Plate,
-    "dihedral": Dihedral,
-    "trihedral": Trihedral,
-}
+    "car": Car, "pedestrian": Pedestrian, "cyclist": Cyclist,
+    "sphere": bodies.Sphere, "cylinder": bodies.Cylinder, "plate": bodies.Plate, "dihedral": bodies.Dihedral,
+    "trihedral": bodies.Trihedral,
+}  # fmt: skip
 """Every model by its name in a scene."""
 
 ROAD_USERS = ("car", "pedestrian", "cyclist")
