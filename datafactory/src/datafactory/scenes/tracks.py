@@ -38,7 +38,6 @@ LEAST_RATE_HZ, MOST_RATE_HZ = 1e-3, 1e5
 MOST_FRAMES = 1_000_000
 """Of one track: more than a month at 0.3 Hz is a mistyped rate."""
 
-
 COLUMNS = ("time", "x", "y", "z", "yaw_deg")
 VELOCITY = ("vx", "vy", "vz")
 FORM = "time,x,y,z,yaw_deg[,pitch_deg][,roll_deg][,vx,vy,vz], in s, m, degrees and m/s"
@@ -161,7 +160,7 @@ def read_track(path: Path) -> Curve:
 
 
 def _from_json(path: Path) -> Curve:
-    entries = read_entries(path, _ENTRIES, JSON_FORM)
+    entries = read_entries(path, _ENTRIES, JSON_FORM, _Entry.model_fields)
     return _curve(path, entries, [f"entry {number}" for number in range(len(entries))])
 
 
