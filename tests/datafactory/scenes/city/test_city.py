@@ -29,8 +29,8 @@ from datafactory.scenes.city.buildings import (
     bays,
     building,
 )
-from datafactory.scenes.city.city import VERSION, city, write_city
-from datafactory.scenes.city.rules import Style
+from datafactory.scenes.city.city import VERSION, city, models, write_city
+from datafactory.scenes.city.rules import RULES, Style
 from datafactory.scenes.city.shapes import Surface, framed_pane, prism, stepped_surface, welded
 from datafactory.scenes.city.site import Placement
 from shared.physics.errors import InputError
@@ -198,16 +198,7 @@ PARTS = {
     **{f"house {shape} {len(glazed)}": building(house(shape, glazed, bands=True, cornice=True))
        for shape in ("flat", "gable", "hip") for glazed in (("front",), SIDES, (), ("front", "left"))},
     "house balconies": building(house("flat", ("front",), balconies=((1, 0), (2, 2)))),
-    **{name: furniture.car(shape) for name, shape in furniture.CAR_SHAPES.items()},
-    "lorry": furniture.lorry(), "bus": furniture.bus(),
-    "lamp": furniture.lamp_post(9.0), "bollard": furniture.bollard(), "bin": furniture.litter_bin(),
-    **{f"sign {kind}": furniture.sign(kind) for kind in ("round", "triangle", "panel")},
-    "tree": furniture.street_tree(RNG, 1.3), "conifer": furniture.conifer(RNG),
-    "traffic light": furniture.traffic_light(), "guard rail": furniture.guard_rail(8.0, 4.0),
-    "railing": furniture.pedestrian_rail(3.0), "barrier": furniture.barrier(6.0), "shelter": furniture.bus_shelter(),
-    "manhole": furniture.manhole_cover(), "fence": furniture.fence(5.0), "container": furniture.container(),
-    "tank": furniture.tank(3.0, 8.0), "gantry": furniture.gantry(14.0), "bench": furniture.bench(),
-    "noise wall": furniture.noise_wall(4.0, 4.0, "wood"),
+    **models(RNG, RULES[Style.OLD_TOWN]), "tank": furniture.tank(3.0, 8.0),
 }  # fmt: skip
 
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import importlib.util
 import os
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -89,8 +89,7 @@ def _meant_file(path: Path) -> str:
     return meant(path.name, (other.name for other in beside if other.suffix.lower() in KNOWN_SUFFIXES))
 
 
-@dataclass(frozen=True)
-class NamedScene:
+class NamedScene(NamedTuple):
     """One scene.
 
     :param name: what ``--scene`` takes
