@@ -187,16 +187,13 @@ def is_baked(mesh: UsdGeom.Mesh) -> bool:
 
 
 def _instances_with_skeletons(usd_stage: Usd.Stage) -> list[Usd.Prim]:
-    """The native instances, within no other, that have a skeleton in them and can be sampled."""
+    """The native instances, within no other, that have a skeleton in them."""
     found = []
     for prototype in usd_stage.GetPrototypes():
-        instances = [prim for prim in prototype.GetInstances() if not prim.IsInPrototype()]
-        sizes = [_sampled(prim) for prim in Usd.PrimRange(prototype) if prim.IsA(UsdSkel.Root)]
-        if not sizes:  # the root of a prototype has no type: it may be the skeleton's root in each instance
-            instances = [prim for prim in instances if prim.IsA(UsdSkel.Root)]
-            sizes = [_sampled(prototype)]
-        if sum(sizes) * len(instances) <= MAXIMUM_SAMPLED:
-            found += instances
+        within = any(prim.IsA(UsdSkel.Root) for prim in Usd.PrimRange(prototype))
+        # The root of a prototype has no type: it may be the skeleton's root in each instance.
+        instances = [prim for prim in prototype.GetInstances() if within or prim.IsA(UsdSkel.Root)]
+        found += [prim for prim in instances if not prim.IsInPrototype()]
     return found
 
 
