@@ -21,7 +21,7 @@ from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.things import Population, Strip
 from datafactory.scenes.traffic.arrange import REACH_M, Asked, parse_populate
-from datafactory.scenes.traffic.population import populated, sensor_ground
+from datafactory.scenes.traffic.population import populated, recorded, sensor_ground
 from datafactory.scenes.traffic.stretches import HORIZON_S, Course, spaced
 from shared.physics.errors import InputError
 
@@ -144,6 +144,13 @@ def test_same_seed_same_scene(hill: Scene) -> None:
     assert populated(two_blocks(), ASKED, 4).content_hash() != hill.content_hash()
     elsewhere = populated(two_blocks(0.03), ASKED, 3)  # the arrangement is the scene's own
     assert things_of(elsewhere)[0].at(0.0)[0].tolist() != things_of(hill)[0].at(0.0)[0].tolist()
+
+
+def test_the_scene_of_a_manifest_is_populated_as_it_was(street: Scene) -> None:
+    scene = populated(street, ASKED, 5)
+    again = recorded({"population": population_of(scene).to_json()}, str(STREET))
+    assert again.content_hash() == scene.content_hash()
+    assert recorded({}, str(STREET)).content_hash() == street.content_hash()
 
 
 def test_sensors_stand_on_the_populated_road(hill: Scene) -> None:
