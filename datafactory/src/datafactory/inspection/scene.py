@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -107,17 +107,12 @@ def examine_scene(scene: Scene, table: MaterialTable) -> SceneReport:
 
 
 def _materials(scene: Scene, mapping: MaterialMapping) -> Iterator[MaterialUse]:
-    objects: Counter[str] = Counter()
-    triangles: Counter[str] = Counter()
-    area: dict[str, float] = defaultdict(float)
-    for item in scene.objects:
-        objects[item.material] += 1
-        triangles[item.material] += len(item.triangles)
-        edges = _edges(item)
-        area[item.material] += 0.5 * float(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum())
     for name, (material, rule) in mapping.entries.items():
+        items = [item for item in scene.objects if item.material == name]
+        edges = np.concatenate([_edges(item) for item in items])
+        area = 0.5 * float(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum())
         known = name not in mapping.unknown
-        yield MaterialUse(name, material.name, rule, known, objects[name], triangles[name], area[name])
+        yield MaterialUse(name, material.name, rule, known, len(items), len(edges), area)
 
 
 def _edges(item: SceneObject) -> NDArray[np.float64]:

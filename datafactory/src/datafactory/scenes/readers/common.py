@@ -145,18 +145,16 @@ def place_mesh(
     kept = np.asarray(triangles, dtype=np.int64).reshape(-1, 3)
     mirrors = np.linalg.det(matrix[:3, :3]) < 0
     kept = kept[:, ::-1] if mirrors else kept
-    inside = ((kept >= 0) & (kept < len(world))).all(axis=1)
-    notes.count("# triangles with a vertex index out of range dropped", int((~inside).sum()))
-    kept = kept[inside]
-    finite = np.isfinite(world[kept]).all(axis=(1, 2))
-    notes.count("# triangles with a NaN or infinite vertex dropped", int((~finite).sum()))
-    kept = kept[finite]
+
+    def of_use(good: NDArray[np.bool_], others: str) -> NDArray[np.int64]:
+        notes.count(f"# triangles {others} dropped", int((~good).sum()))
+        return kept[good]
+
+    kept = of_use(((kept >= 0) & (kept < len(world))).all(axis=1), "with a vertex index out of range")
+    kept = of_use(np.isfinite(world[kept]).all(axis=(1, 2)), "with a NaN or infinite vertex")
     near = (np.abs(world[kept]) <= FARTHEST_M).all(axis=(1, 2))
-    notes.count(f"# triangles with a vertex beyond {FARTHEST_M:g} m dropped", int((~near).sum()))
-    kept = kept[near]
-    solid = _has_area(world[kept])
-    notes.count("# triangles without area dropped", int((~solid).sum()))
-    used, compact = np.unique(kept[solid], return_inverse=True)
+    kept = of_use(near, f"with a vertex beyond {FARTHEST_M:g} m")
+    used, compact = np.unique(of_use(_has_area(world[kept]), "without area"), return_inverse=True)
     return world[used], compact.reshape(-1, 3).astype(np.int32), used
 
 
