@@ -17,16 +17,14 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain
-from datafactory.scenes.motion import Moving, Vector, drift, triple, upright_axes
+from datafactory.scenes.motion import Moving, Real, Vector, drift, triple, upright_axes
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import WORLD_AXES, PointTarget, Scene, SceneObject
 from datafactory.scenes.targets.models import MODELS
 from datafactory.scenes.things import OF_MODELS, OTHER
 
-Real = NDArray[np.float64]
 Axes = tuple[Vector, Vector, Vector]
 Box = tuple[Real, Real]
 CLEAR_M = 3.0

@@ -17,17 +17,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.scenes.boxes import Movers
 from datafactory.scenes.ground import CLEARANCE_M, Ground
 from datafactory.scenes.lanes import STEP_M, Lane, draw_lane, smoothed
+from datafactory.scenes.motion import Real
 from datafactory.scenes.poses import SENSOR_HEIGHT_M, Pose, Speeds, view_from
 from datafactory.scenes.tracks import MOST_FRAMES, pose_of, require_rate
 from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError
-
-Real = NDArray[np.float64]
 
 WORD = "drive"
 ACCELERATION_MPS2 = 3.0

@@ -16,10 +16,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from datafactory.scenes.city.shapes import Surface
+from datafactory.scenes.motion import Vector
 from datafactory.scenes.things import Strip
-
-Vector = tuple[float, float, float]
-
 
 TOUCH_M = 0.01
 """Things that overlap by less stand beside each other."""

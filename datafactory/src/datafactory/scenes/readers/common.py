@@ -150,9 +150,9 @@ def place_mesh(
         notes.count(f"# triangles {others} dropped", int((~good).sum()))
         return kept[good]
 
-    kept = of_use(((kept >= 0) & (kept < len(world))).all(axis=1), "with a vertex index out of range")
-    kept = of_use(np.isfinite(world[kept]).all(axis=(1, 2)), "with a NaN or infinite vertex")
-    near = (np.abs(world[kept]) <= FARTHEST_M).all(axis=(1, 2))
+    kept = of_use(np.all((kept >= 0) & (kept < len(world)), axis=1), "with a vertex index out of range")
+    kept = of_use(np.all(np.isfinite(world[kept]), axis=(1, 2)), "with a NaN or infinite vertex")
+    near = np.all(np.abs(world[kept]) <= FARTHEST_M, axis=(1, 2))
     kept = of_use(near, f"with a vertex beyond {FARTHEST_M:g} m")
     used, compact = np.unique(of_use(_has_area(world[kept]), "without area"), return_inverse=True)
     return world[used], compact.reshape(-1, 3).astype(np.int32), used

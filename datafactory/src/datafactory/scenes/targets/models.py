@@ -37,14 +37,20 @@ from dataclasses import MISSING, Field, dataclass, field, fields
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.scenes.targets import bodies
-from datafactory.scenes.targets.bodies import Extent, Motion, MovingParts, RcsModel, Rigid, text_without_defaults, unit
+from datafactory.scenes.targets.bodies import (
+    Extent,
+    Motion,
+    MovingParts,
+    RcsModel,
+    Real,
+    Rigid,
+    text_without_defaults,
+    unit,
+)
 from datafactory.scenes.targets.walking import FASTEST_RV, leg_m, parts_of_walker
 from shared.physics.units import db_to_power
-
-Real = NDArray[np.float64]
 
 WHEEL_RADII_M = (0.1, 1.0)
 STATURES_M = (0.5, 2.5)

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.scenes.ground import Ground
 from datafactory.scenes.motion import Track
@@ -39,7 +38,6 @@ LARGEST_DENSITY = 100.0
 """One a metre: more than has room of any kind."""
 PER_100_M = "/100m"
 """Behind the number of a density."""
-Real = NDArray[np.float64]
 CARS = ("saloon", "hatchback", "suv", "van")
 CAR_SHARES = (0.35, 0.35, 0.2, 0.1)
 POLES = ("lamp", "traffic_light", "bollard")
