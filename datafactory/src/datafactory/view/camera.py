@@ -266,27 +266,19 @@ class Cameras:
         return self._opened[name]
 
 
-def stored_picture(dataset: Dataset, frame_id: int) -> NDArray[np.uint8] | None:
-    """The camera picture of a frame that was written with it; None where there is none.
+def seen(dataset: Dataset, frame: Frame, cameras: Cameras | None) -> Picture | None:
+    """What a camera sees of a frame; None where no picture was written with it and none is to be made.
 
     :raises InputError: a file that is no picture
     """
-    if (picture := dataset.camera(frame_id)) is None:
-        return None
-    try:
-        return np.rint(255.0 * imread(BytesIO(picture))[..., :3]).astype(np.uint8)
-    except (OSError, ValueError, SyntaxError, IndexError) as error:
-        raise InputError(
-            camera_path(dataset.path, frame_id), f"no picture: {error}", "the file as render --camera wrote it"
-        ) from error
-
-
-def seen(dataset: Dataset, frame: Frame, cameras: Cameras | None) -> NDArray[np.uint8] | None:
-    """What a camera sees of a frame; None where no picture was written with it and none is to be made."""
-    picture = stored_picture(dataset, frame.frame_id)
-    if picture is None and cameras is not None and (subject := cameras.subject(frame)) is not None:
-        picture = camera_picture(subject)
-    return picture
+    if (stored := dataset.camera(frame.frame_id)) is not None:
+        try:
+            return np.rint(255.0 * imread(BytesIO(stored))[..., :3]).astype(np.uint8)
+        except (OSError, ValueError, SyntaxError, IndexError) as error:
+            path = camera_path(dataset.path, frame.frame_id)
+            raise InputError(path, f"no picture: {error}", "the file as render --camera wrote it") from error
+    subject = None if cameras is None else cameras.subject(frame)
+    return None if subject is None else camera_picture(subject)
 
 
 def write_cameras(dataset: Dataset, cameras: Cameras) -> Iterator[Location]:

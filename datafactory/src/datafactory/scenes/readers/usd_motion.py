@@ -241,7 +241,7 @@ def _instance_chains(
             samples = attribute_samples(attribute, transforms.clock, transforms.notes)
         if samples is None:
             value = numbers_of(attribute.Get(start))
-            samples = None if value is None else Samples.constant(value)
+            samples = None if value is None else Samples(np.zeros(1), np.asarray(value, dtype=np.float64)[None])
         else:
             moves |= samples.varies
         if samples is None or samples.values.ndim != 3 or samples.values.shape[1] < count:
