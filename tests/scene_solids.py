@@ -6,16 +6,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from solids import Shape, Standing
 
 from datafactory.scenes.boxes import BoxedThing, boxed_things
-from datafactory.scenes.city.shapes import yaw_rotation
+from datafactory.scenes.city.shapes import Surface
 from datafactory.scenes.city.site import Placement
 from datafactory.scenes.scene import Scene, SceneObject
 from datafactory.scenes.traffic.population import FOLDER
 
 FLAT = ("Ground/", "Covers/")
 """Sheets that everything stands on: no bodies."""
+
+
+def triangles_of(surface: Surface) -> NDArray[np.int64]:
+    """[T, 3] vertex indices of all faces, as fans: the faces are convex."""
+    return np.array([(face[0], face[i], face[i + 1]) for face in surface.faces for i in range(1, len(face) - 1)])
 
 
 def city_solids(placements: Sequence[Placement]) -> list[Standing]:
@@ -27,8 +34,15 @@ def city_solids(placements: Sequence[Placement]) -> list[Standing]:
             continue
         key = item.model or item.path
         if key not in shapes:
-            shapes[key] = Shape.of(item.surface.vertices, item.surface.triangles())
-        found.append(Standing(item.path, shapes[key], yaw_rotation(item.yaw_deg), np.array(item.position)))
+            shapes[key] = Shape.of(item.surface.vertices, triangles_of(item.surface))
+        found.append(
+            Standing(
+                item.path,
+                shapes[key],
+                Rotation.from_euler("z", item.yaw_deg, degrees=True).as_matrix(),
+                np.array(item.position),
+            )
+        )
     return found
 
 

@@ -10,13 +10,13 @@ from shared.processes.lazy import lazy_names
 
 if TYPE_CHECKING:
     from datafactory.api.asking import load_scene as load_scene
+    from datafactory.api.making import Converted as Converted
     from datafactory.api.making import convert as convert
     from datafactory.api.making import merge as merge
     from datafactory.api.making import render as render
     from datafactory.api.making import trace as trace
     from datafactory.api.planning import ScenePlan as ScenePlan
     from datafactory.api.planning import plan as plan
-    from datafactory.conversion.formats import Converted as Converted
     from datafactory.frame.points import read_targets as read_targets
     from datafactory.run.pipeline import Report as Report
     from datafactory.run.portions import RunFailed as RunFailed
@@ -52,7 +52,7 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     "sparseradar-datafactory",
     {
-        "Converted": "datafactory.conversion.formats",
+        "Converted": "datafactory.api.making",
         "InputError": "shared.physics.errors",
         "Pose": "datafactory.scenes.poses",
         "Radar": "shared.radar",

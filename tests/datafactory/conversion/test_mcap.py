@@ -15,7 +15,7 @@ from factory_command import run
 from matplotlib.image import imread
 
 from datafactory import InputError, convert
-from datafactory.conversion.formats import Converted
+from datafactory.api.making import Converted
 
 pytest.importorskip("foxglove", reason="the package foxglove-sdk is not installed")
 reader = pytest.importorskip("mcap.reader", reason="the package mcap is not installed")
@@ -135,6 +135,7 @@ def test_equal_datasets_give_equal_files(source: Path, converted: Converted, tmp
 
 
 def test_a_missing_package_is_one_line(source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "datafactory.conversion.mcap", raising=False)
     monkeypatch.setitem(sys.modules, "foxglove", None)
     with pytest.raises(InputError, match=r"--to mcap: needs the package foxglove-sdk.*pip install .*\[convert\]"):
         convert(source, tmp_path / "out", to="mcap")
@@ -147,5 +148,5 @@ def test_the_command_says_what_it_wrote_and_writes_over_nothing(source: Path, tm
     assert "targets have no height" in said
     with pytest.raises(InputError, match="is there already"):
         run("convert", source, "--to", "mcap", "--out", tmp_path / "out")
-    with pytest.raises(InputError, match="--to: 'mpac'; expected one of mcap"):
+    with pytest.raises(InputError, match="--to: 'mpac'; expected mcap"):
         run("convert", source, "--to", "mpac", "--out", tmp_path / "new")

@@ -31,7 +31,8 @@ from datafactory.paths.table import SPECULAR, TARGET
 from datafactory.scenes.materials.table import Material
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, SceneObject
-from datafactory.scenes.targets.models import Car, Pedestrian, Sphere, Trihedral
+from datafactory.scenes.targets.bodies import Sphere, Trihedral
+from datafactory.scenes.targets.models import Car, Pedestrian
 from shared.radar import Radar
 
 pytestmark = pytest.mark.usefixtures("variant")

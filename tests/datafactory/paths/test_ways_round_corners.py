@@ -24,7 +24,7 @@ from datafactory.paths.table import DIFFRACTED, TARGET, ScatteredPaths
 from datafactory.paths.targets import FAINTEST, TargetEchoes
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
-from datafactory.scenes.targets.road_users import Pedestrian
+from datafactory.scenes.targets.models import Pedestrian
 
 CORNER = box("house", (5.0, 0.5, -40.0), (30.0, 40.0, 40.0), "metal")
 HIDDEN = np.array([[9.0, -1.0, 0.4]])

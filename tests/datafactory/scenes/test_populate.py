@@ -21,7 +21,7 @@ from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.things import Population, Strip
 from datafactory.scenes.traffic.arrange import REACH_M, Asked, parse_populate
-from datafactory.scenes.traffic.population import populated, sensor_ground
+from datafactory.scenes.traffic.population import populated, recorded, sensor_ground
 from datafactory.scenes.traffic.stretches import HORIZON_S, Course, spaced
 from shared.physics.errors import InputError
 
@@ -107,18 +107,18 @@ def test_what_was_asked_for_is_placed_and_said(hill: Scene) -> None:
     assert labels.count("bicycle") == population.placed["cyclists"]
     assert labels.count("pedestrian") == population.placed["pedestrians"]
     assert len(things) == sum(population.placed.values())
-    assert "6 cars" in population.lines()[0]
+    assert "6 cars" in population.line()
     slots = 2 * sum(int((road.length_m - 13.0) / 6.2) for road in population.roads)
     assert population.placed["parked"] == pytest.approx(0.6 * slots, abs=2)
 
 
 def test_what_does_not_fit_is_said() -> None:
     yard = Scene("yard", (block("ground", (-9.0, -9.0, -1.0), (9.0, 9.0, 0.0), 0.0),))
-    scene = populated(yard, Asked(cars=5, poles=2), 0)
+    scene = populated(yard, Asked({"cars": 5, "poles": 2}), 0)
     assert scene.objects == yard.objects
     assert "0 of 5 cars placed: there is no more room on its free ground" in scene.warnings
     assert population_of(scene).placed == {"cars": 0, "poles": 0}
-    crowded = populated(two_blocks(), Asked(trucks=500), 0)
+    crowded = populated(two_blocks(), Asked({"trucks": 500}), 0)
     (line,) = crowded.warnings
     assert line.startswith(f"{population_of(crowded).placed['trucks']} of 500 trucks placed")
 
@@ -146,6 +146,13 @@ def test_same_seed_same_scene(hill: Scene) -> None:
     assert things_of(elsewhere)[0].at(0.0)[0].tolist() != things_of(hill)[0].at(0.0)[0].tolist()
 
 
+def test_the_scene_of_a_manifest_is_populated_as_it_was(street: Scene) -> None:
+    scene = populated(street, ASKED, 5)
+    again = recorded({"population": population_of(scene).to_json()}, str(STREET))
+    assert again.content_hash() == scene.content_hash()
+    assert recorded({}, str(STREET)).content_hash() == street.content_hash()
+
+
 def test_sensors_stand_on_the_populated_road(hill: Scene) -> None:
     ground, bare = sensor_ground(hill), free_ground(two_blocks())
     assert ground.road.any()
@@ -158,8 +165,8 @@ def test_sensors_stand_on_the_populated_road(hill: Scene) -> None:
 
 def test_a_request_is_read_back_as_it_is_told() -> None:
     assert parse_populate(ASKED.text) == ASKED
-    assert parse_populate(" cars = 3 , parked=0.25") == Asked(cars=3, parked=0.25)
-    dense = Asked(poles=2, densities=(("cars", 0.4),))
+    assert parse_populate(" cars = 3 , parked=0.25") == Asked({"cars": 3}, parked=0.25)
+    dense = Asked({"poles": 2}, densities={"cars": 0.4})
     assert parse_populate(dense.text) == dense
 
 

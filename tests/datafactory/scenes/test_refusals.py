@@ -34,7 +34,7 @@ FILES: dict[str, list[tuple[str | bytes, str]]] = {
     "poses.json": [
         ("[{", "malformed JSON"),
         ("{}", r"document = \{\}; expected input should be a valid list, as in \[\{"),
-        ("[]", "the list is empty; expected at least one pose"),
+        ("[]", "the list is empty; expected "),
         ("[{}]", r"entry 0\.position missing; expected field required, as in \[\{.position"),
         (f'[{{{HERE}}}, {{"position": [0, 0]}}]', r"entry 1\.position = \[0, 0\]; expected list should have"),
         ('[{"position": [0, 0, NaN]}]', r"entry 0\.position\.2 = nan; expected input should be a finite number"),
@@ -172,7 +172,7 @@ def test_a_file_that_is_not_there_is_refused(tmp_path: Path, name: str) -> None:
         (parse_populate, "cars=-3", "cars=-3; expected a whole number from 0 to 2000"),
         (parse_populate, "cars=many/100m", "cars=many/100m; expected from 0 to 100 a hundred metres of road"),
         (parse_populate, "cars=1,cars=2/100m", "cars is given twice"),
-        (parse_populate, "parked=4/100m", "parked=4/100m; expected a share"),
+        (parse_populate, "parked=0.4/100m", r"parked=0\.4/100m; expected a share"),
         (parse_populate, "cars=2.5", r"cars=2\.5; expected a whole number"),
         (parse_populate, "cars", "cars without a number"),
         (parse_populate, "cars=1,cars=2", "cars is given twice"),

@@ -11,19 +11,8 @@ from datafactory.paths.echo_points import EchoPoints, Seen, all_echo_points
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget
-from datafactory.scenes.targets.models import (
-    MODELS,
-    Car,
-    Cyclist,
-    Cylinder,
-    Dihedral,
-    Pedestrian,
-    Plate,
-    Sphere,
-    Trihedral,
-    sizes_of,
-    target_model,
-)
+from datafactory.scenes.targets.bodies import Cylinder, Dihedral, Plate, Sphere, Trihedral
+from datafactory.scenes.targets.models import MODELS, Car, Cyclist, Pedestrian, sizes_of, target_model
 from datafactory.synthesis.cube import cube_of_paths
 from shared.physics import rcs
 from shared.radar import Radar

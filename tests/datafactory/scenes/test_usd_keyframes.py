@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
+from scipy.spatial.transform import Rotation
 from usd_files import CUBE, CUBE_FACES, CUBE_POINTS, METRES_Z_UP, MOVING, SPLINE, ops, read, translated, write_usda
 
-from datafactory.scenes.city.shapes import box, yaw_rotation
+from datafactory.scenes.city.shapes import box
 from datafactory.scenes.city.site import Keyframe, Placement
 from datafactory.scenes.city.usd import write_usd
 from datafactory.scenes.motion import Motion, Moving
@@ -156,7 +157,7 @@ def test_so_they_are_of_the_vehicles_that_a_city_on_a_network_has(tmp_path: Path
     assert hold_every_key(scene) == len(kept)
     (item,) = scene.objects
     for key in every:
-        there = body.moved(key.position, yaw_rotation(key.yaw_deg)).vertices
+        there = body.moved(key.position, Rotation.from_euler("z", key.yaw_deg, degrees=True).as_matrix()).vertices
         np.testing.assert_allclose(item.at(key.time_s).vertices, there, atol=2e-3)
 
 

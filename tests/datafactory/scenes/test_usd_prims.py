@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from usd_files import CUBE, area, ops, read, signed_volume, translated, write_usda
 
-from datafactory.scenes.readers.common import CHORD_ERROR, sphere
+from datafactory.scenes.readers.common import CHORD_ERROR, Notes, sphere
 from datafactory.scenes.readers.usd_prims import triangulate
 from shared.physics.errors import InputError
 
@@ -113,12 +113,13 @@ def test_concave_polygons_keep_their_area_and_outline() -> None:
     outline = np.array([[2, 0, 0], [2, 1, 0], [1, 1, 0], [1, 2, 0], [0, 2, 0], [0, 0, 0]], dtype=np.float64)
     for start in range(6):
         points = np.roll(outline, start, axis=0)
-        cut = triangulate(points, np.array([6]), np.arange(6))
-        corner = points[cut.triangles]
+        notes = Notes()
+        triangles, _ = triangulate(points, np.array([6]), np.arange(6), notes)
+        corner = points[triangles]
         doubled = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         assert (doubled[:, 2] > 0).all()
         assert doubled[:, 2].sum() / 2 == pytest.approx(3.0)
-        assert cut.crossing_faces == 0
+        assert notes.sentences() == ()
         middle = corner.mean(axis=1)
         assert not ((middle[:, 0] > 1) & (middle[:, 1] > 1)).any()
 
@@ -127,22 +128,25 @@ def test_a_hole_joined_by_a_doubled_edge_stays_open() -> None:
     outer, inner = [(0, 0), (4, 0), (4, 4), (0, 4)], [(1, 1), (1, 3), (3, 3), (3, 1)]
     ring = [*outer, outer[0], inner[0], *inner[1:], inner[0]]
     points = np.array([(x, y, 0.0) for x, y in ring])
-    cut = triangulate(points, np.array([len(ring)]), np.arange(len(ring)))
-    corner = points[cut.triangles]
+    triangles, _ = triangulate(points, np.array([len(ring)]), np.arange(len(ring)), Notes())
+    corner = points[triangles]
     doubled = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     assert np.abs(doubled[:, 2]).sum() / 2 == pytest.approx(16 - 4)
 
 
 def test_a_bow_tie_is_counted() -> None:
     points = np.array([[0, 0, 0], [2, 3, 0], [2, 0, 0], [0, 2, 0]], dtype=np.float64)
-    assert triangulate(points, np.array([4]), np.arange(4)).crossing_faces == 1
+    notes = Notes()
+    triangulate(points, np.array([4]), np.arange(4), notes)
+    assert notes.sentences() == ("1 faces whose outline crosses itself cut into a fan",)
 
 
 def test_bad_faces_are_counted_and_the_others_keep_their_numbers() -> None:
     points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=np.float64)
-    cut = triangulate(points, np.array([2, 4, 3, 3]), np.array([0, 1, 0, 1, 2, 3, 0, 1, 9, 0, 1, 2]))
-    assert cut.bad_faces == 2
-    assert cut.faces.tolist() == [1, 1, 3]
+    notes = Notes()
+    _, faces = triangulate(points, np.array([2, 4, 3, 3]), np.array([0, 1, 0, 1, 2, 3, 0, 1, 9, 0, 1, 2]), notes)
+    assert notes.sentences() == ("2 faces with fewer than three corners or an index out of range dropped",)
+    assert faces.tolist() == [1, 1, 3]
 
 
 def test_missing_units_and_axis_are_usd_defaults_and_said(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from datafactory.scenes.targets.bodies import Motion, MovingParts
-from datafactory.scenes.targets.road_users import Pedestrian
+from datafactory.scenes.targets.models import Pedestrian
 from datafactory.scenes.targets.walking import (
     PARTS,
     control_points,

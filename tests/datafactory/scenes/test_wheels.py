@@ -13,8 +13,7 @@ from usd_files import read
 from datafactory.frame.points import read_targets
 from datafactory.scenes.scene import PointTarget
 from datafactory.scenes.targets.bodies import Motion
-from datafactory.scenes.targets.models import Car, Cyclist, Pedestrian, options_of, target_model
-from datafactory.scenes.targets.road_users import POINTS, rolling_wheels
+from datafactory.scenes.targets.models import POINTS, Car, Cyclist, Pedestrian, options_of, rolling_wheels, target_model
 from datafactory.synthesis.cube import cube_of_paths
 from shared.radar import Radar
 from shared.signal.spectrum import range_doppler

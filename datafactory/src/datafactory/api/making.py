@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TypeAlias
@@ -16,8 +16,6 @@ from datafactory.accuracy.knobs import Menu, menu_for
 from datafactory.api.asking import materials_of, order_of
 from datafactory.api.declared import taking
 from datafactory.api.options import ConvertOptions, MergeOptions, Progress, RenderOptions, TraceOptions
-from datafactory.conversion import formats
-from datafactory.conversion.formats import Converted
 from datafactory.defaults import AUTO_DEVICE, CPU, CUDA, LOCAL
 from datafactory.run import merging, pipeline
 from datafactory.run.array_job import OPTION, parse_job
@@ -28,10 +26,25 @@ from datafactory.scenes.materials.table import MaterialTable
 from datafactory.scenes.scene import Scene
 from shared.dataset.folder import open_dataset
 from shared.dataset.locations import local, locate
+from shared.dataset.writing import atomic_folder
 from shared.physics.errors import InputError
 
 Make: TypeAlias = Callable[[Order, MaterialTable, Execution], Report]
 """A run of :mod:`datafactory.run.pipeline`."""
+MCAP = "mcap"
+
+
+@dataclass(frozen=True)
+class Converted:
+    """What was written.
+
+    :param frames: frames in the new layout
+    :param notes: what has no place in it, with counts, and what was assumed
+    """
+
+    directory: Path
+    frames: int
+    notes: tuple[str, ...] = ()
 
 
 @taking(RenderOptions)
@@ -129,8 +142,19 @@ def convert(asked: ConvertOptions) -> Converted:
     :raises InputError: an unknown format, a folder that is there already, a package that is not installed
     :raises OSError: the disk fails; nothing is left behind
     """
-    dataset = open_dataset(str(asked.directory))
-    return formats.convert(dataset, asked.to, local(asked.out, "--out"), partial(asked.progress, "frames"))
+    dataset, out = open_dataset(str(asked.directory)), local(asked.out, "--out")
+    if asked.to != MCAP:
+        raise InputError("--to", f"{asked.to!r}", MCAP)
+    if out.exists():
+        raise InputError("--out", f"{out} is there already", "a folder that does not exist yet")
+    dataset.description()  # refuses a folder of traced paths
+    try:
+        from datafactory.conversion.mcap import write_mcap
+    except ImportError as error:
+        expected = "it: pip install 'sparseradar-datafactory[convert]'"
+        raise InputError("--to mcap", "needs the package foxglove-sdk, which is not installed", expected) from error
+    with atomic_folder(out) as partly:  # the new folder is there once it is whole
+        return Converted(out, *write_mcap(dataset, partly, partial(asked.progress, "frames")))
 
 
 @taking(MergeOptions)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from datafactory.api.asking import load_scene, materials_of, order_of, scenes_of
+from datafactory.api.asking import materials_of, order_of, scenes_of
 from datafactory.api.declared import common, taking
 from datafactory.api.options import OrderOptions, ViewOptions
 from datafactory.frame.chain import SceneSource, StoredSource, narrowed
@@ -12,6 +12,7 @@ from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.order import stored_paths
 from datafactory.run.preparation import prepare, prepared_scene
 from datafactory.scenes.scene import Scene
+from datafactory.scenes.traffic.population import recorded
 from datafactory.view.subject import Subject
 from shared.dataset.locations import Location, locate
 from shared.dataset.writing import write_bytes
@@ -71,9 +72,8 @@ def _traced_before(asked: ViewOptions, folder: Location) -> Subject:
     traced = StoredSource(*stored.places[asked.frame], order.of_scenes).traced(order.radar)
     _, paths = narrowed(traced, order.of_scenes, order.radar)
     entry = stored.entries[traced.scene_number]
-    put_in = entry.get("population", {"populate": None, "seed": 0})
     (given,) = scenes_of(asked.scene, asked, asked.seed) or (entry.get("source", ""),)
-    opened = given if isinstance(given, Scene) else load_scene(given, populate=put_in["populate"], seed=put_in["seed"])
+    opened = given if isinstance(given, Scene) else recorded(entry, str(given))
     if opened.content_hash() != entry.get("content_sha256"):
         problem = f"is not the scene in which the paths of {folder} were traced"
         raise InputError(opened.source or opened.name, problem, "the file as it was then, by --scene if it was moved")

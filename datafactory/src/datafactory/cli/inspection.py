@@ -45,7 +45,7 @@ def check(asked: CheckOptions) -> None:
     (scene,) = scenes_of(asked.scene, asked, asked.seed)
     report = examine_scene(load_scene(scene), materials_of(asked.materials))
     if asked.json:
-        typer.echo(json.dumps(report.to_json(), indent=2))
+        typer.echo(json.dumps(asdict(report), indent=2))
         return
     _show_scene(report)
 

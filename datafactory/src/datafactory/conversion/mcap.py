@@ -16,31 +16,7 @@ from typing import Any
 
 import foxglove
 import numpy as np
-from foxglove.channels import (
-    CompressedImageChannel,
-    FrameTransformChannel,
-    PointCloudChannel,
-    SceneUpdateChannel,
-)
-from foxglove.messages import (
-    Color,
-    CompressedImage,
-    CubePrimitive,
-    FrameTransform,
-    KeyValuePair,
-    PackedElementField,
-    PackedElementFieldNumericType,
-    PointCloud,
-    Pose,
-    Quaternion,
-    SceneEntity,
-    SceneEntityDeletion,
-    SceneEntityDeletionType,
-    SceneUpdate,
-    TextPrimitive,
-    Timestamp,
-    Vector3,
-)
+from foxglove import channels, messages
 from matplotlib import colormaps
 from matplotlib.image import imsave
 from numpy.typing import NDArray
@@ -72,12 +48,12 @@ def write_mcap(dataset: Dataset, out: Path, progress: Callable[[int, int], None]
     stepped = 0
     for split in dataset.splits:
         context = foxglove.Context()
-        channels = _Channels(context)
+        written = _Channels(context)
         options = foxglove.mcap.MCAPWriteOptions(compression_threads=0)  # the same bytes on every machine
         with foxglove.open_mcap(out / f"{split}.mcap", context=context, writer_options=options):
             clock = _Clock()
             for frame in dataset.frames(split, COLUMNS):
-                channels.log(frame, radar, clock.at(frame))
+                written.log(frame, radar, clock.at(frame))
                 done += 1
                 progress(done, total)
             stepped += clock.stepped
@@ -109,15 +85,15 @@ class _Channels:
     """The channels of one file."""
 
     def __init__(self, context: foxglove.Context) -> None:
-        self._pose = FrameTransformChannel("/tf", context=context)
-        self._truth = CompressedImageChannel("/truth", context=context)
-        self._input = CompressedImageChannel("/input", context=context)
-        self._targets = PointCloudChannel("/targets", context=context)
-        self._boxes = SceneUpdateChannel("/boxes", context=context)
+        self._pose = channels.FrameTransformChannel("/tf", context=context)
+        self._truth = channels.CompressedImageChannel("/truth", context=context)
+        self._input = channels.CompressedImageChannel("/input", context=context)
+        self._targets = channels.PointCloudChannel("/targets", context=context)
+        self._boxes = channels.SceneUpdateChannel("/boxes", context=context)
 
     def log(self, frame: Frame, radar: Radar, time_ns: int) -> None:
         """Everything of one frame, at one time."""
-        stamp = Timestamp(*divmod(time_ns, 1_000_000_000))
+        stamp = messages.Timestamp(*divmod(time_ns, 1_000_000_000))
         measured = np.abs(delay_and_sum(frame.range_channel[0], radar))
         self._pose.log(sensor_pose(frame, stamp), log_time=time_ns)
         self._truth.log(picture(frame.image * np.float32(frame.image_peak), stamp), log_time=time_ns)
@@ -126,26 +102,26 @@ class _Channels:
         self._boxes.log(scene(frame, stamp), log_time=time_ns)
 
 
-def sensor_pose(frame: Frame, stamp: Timestamp) -> FrameTransform:
+def sensor_pose(frame: Frame, stamp: messages.Timestamp) -> messages.FrameTransform:
     """From the world to the radar."""
     x, y, z = frame.sensor_position
     qw, qx, qy, qz = frame.sensor_orientation
-    return FrameTransform(
+    return messages.FrameTransform(
         timestamp=stamp, parent_frame_id=WORLD, child_frame_id=RADAR,
-        translation=Vector3(x=x, y=y, z=z), rotation=Quaternion(x=qx, y=qy, z=qz, w=qw),
+        translation=messages.Vector3(x=x, y=y, z=z), rotation=messages.Quaternion(x=qx, y=qy, z=qz, w=qw),
     )  # fmt: skip
 
 
-def picture(magnitude: NDArray[np.floating], stamp: Timestamp) -> CompressedImage:
+def picture(magnitude: NDArray[np.floating], stamp: messages.Timestamp) -> messages.CompressedImage:
     """An image [R, U] in the colours and levels of the other pictures, 0 dB its maximum: far up, left on the left."""
     share = 1.0 + range_weighted_db(magnitude) / SPAN_DB
     buffer = io.BytesIO()
     colours = colormaps[COLOUR_MAP](share[::-1, ::-1], bytes=True)
     imsave(buffer, np.ascontiguousarray(colours), format="png", metadata=NO_SOFTWARE)
-    return CompressedImage(timestamp=stamp, frame_id=RADAR, data=buffer.getvalue(), format="png")
+    return messages.CompressedImage(timestamp=stamp, frame_id=RADAR, data=buffer.getvalue(), format="png")
 
 
-def points(frame: Frame, stamp: Timestamp) -> PointCloud:
+def points(frame: Frame, stamp: messages.Timestamp) -> messages.PointCloud:
     """The targets at the radar's height: x = r sqrt(1 - u^2), y = r u."""
     values = np.zeros(len(frame.targets), POINT)
     for row, target in zip(values, frame.targets, strict=True):
@@ -154,54 +130,54 @@ def points(frame: Frame, stamp: Timestamp) -> PointCloud:
         row["x"], row["y"] = ahead, across
         row["velocity"], row["amplitude_db"] = target.velocity_mps, target.amplitude_db
     fields = [
-        PackedElementField(name=name, offset=4 * place, type=PackedElementFieldNumericType.Float32)
+        messages.PackedElementField(name=name, offset=4 * place, type=messages.PackedElementFieldNumericType.Float32)
         for place, name in enumerate(POINT.names or ())
     ]
-    return PointCloud(
+    return messages.PointCloud(
         timestamp=stamp, frame_id=RADAR, pose=_pose(), point_stride=POINT.itemsize, fields=fields, data=values.tobytes()
     )
 
 
-def scene(frame: Frame, stamp: Timestamp) -> SceneUpdate:
+def scene(frame: Frame, stamp: messages.Timestamp) -> messages.SceneUpdate:
     """The boxes, in place of those of the frame before."""
-    gone = SceneEntityDeletion(timestamp=stamp, type=SceneEntityDeletionType.All)
-    return SceneUpdate(deletions=[gone], entities=[_entity(box, stamp) for box in frame.boxes])
+    gone = messages.SceneEntityDeletion(timestamp=stamp, type=messages.SceneEntityDeletionType.All)
+    return messages.SceneUpdate(deletions=[gone], entities=[_entity(box, stamp) for box in frame.boxes])
 
 
-def _entity(box: Box, stamp: Timestamp) -> SceneEntity:
+def _entity(box: Box, stamp: messages.Timestamp) -> messages.SceneEntity:
     red, green, blue = COLOURS.get(box.class_name, OTHER_COLOUR)
     length, width, height = box.size
     top = (box.center[0], box.center[1], box.center[2] + 0.5 * height + 0.3)
-    return SceneEntity(
+    return messages.SceneEntity(
         timestamp=stamp,
         frame_id=RADAR,
         id=box.object,
         cubes=[
-            CubePrimitive(
+            messages.CubePrimitive(
                 pose=_pose(box.center, box.yaw),
-                size=Vector3(x=length, y=width, z=height),
-                color=Color(r=red, g=green, b=blue, a=0.4 if box.power > 0.0 else 0.1),
+                size=messages.Vector3(x=length, y=width, z=height),
+                color=messages.Color(r=red, g=green, b=blue, a=0.4 if box.power > 0.0 else 0.1),
             )
         ],
         texts=[
-            TextPrimitive(
+            messages.TextPrimitive(
                 pose=_pose(top), billboard=True, font_size=12.0, scale_invariant=True,
-                color=Color(r=red, g=green, b=blue, a=1.0), text=box.class_name,
+                color=messages.Color(r=red, g=green, b=blue, a=1.0), text=box.class_name,
             )
         ],
         metadata=list(_facts(box)),
     )  # fmt: skip
 
 
-def _facts(box: Box) -> Iterator[KeyValuePair]:
+def _facts(box: Box) -> Iterator[messages.KeyValuePair]:
     vx, vy, vz = box.velocity
-    yield KeyValuePair(key="class", value=box.class_name)
-    yield KeyValuePair(key="object", value=box.object)
-    yield KeyValuePair(key="velocity relative to the radar [m/s]", value=f"{vx:.3f} {vy:.3f} {vz:.3f}")
-    yield KeyValuePair(key="power [W]", value=f"{box.power:.3e}")
+    yield messages.KeyValuePair(key="class", value=box.class_name)
+    yield messages.KeyValuePair(key="object", value=box.object)
+    yield messages.KeyValuePair(key="velocity relative to the radar [m/s]", value=f"{vx:.3f} {vy:.3f} {vz:.3f}")
+    yield messages.KeyValuePair(key="power [W]", value=f"{box.power:.3e}")
 
 
-def _pose(place: tuple[float, float, float] = (0.0, 0.0, 0.0), yaw: float = 0.0) -> Pose:
+def _pose(place: tuple[float, float, float] = (0.0, 0.0, 0.0), yaw: float = 0.0) -> messages.Pose:
     x, y, z = place
-    turn = Quaternion(x=0.0, y=0.0, z=float(np.sin(0.5 * yaw)), w=float(np.cos(0.5 * yaw)))
-    return Pose(position=Vector3(x=x, y=y, z=z), orientation=turn)
+    turn = messages.Quaternion(x=0.0, y=0.0, z=float(np.sin(0.5 * yaw)), w=float(np.cos(0.5 * yaw)))
+    return messages.Pose(position=messages.Vector3(x=x, y=y, z=z), orientation=turn)

@@ -28,7 +28,7 @@ import numpy as np
 from datafactory.defaults import DEFAULT_PATTERN
 from datafactory.frame.points import PointTargets
 from datafactory.paths.merged_scene import MergedScene
-from datafactory.scenes.boxes import BoxedThing, Traffic
+from datafactory.scenes.boxes import BoxedThing, Movers
 from datafactory.scenes.ground import Ground
 from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import DRAWN_SPEEDS, Pose, Speeds, sample_pose
@@ -193,7 +193,7 @@ class Deal:
     :param track_scenes: number of the scene of every track
     :param grounds: where poses are drawn, one a scene; empty where they are given
     :param speeds: ends of the speed of drawn poses
-    :param traffic: of every populated scene, where poses are drawn: a frame has a time of its own
+    :param traffic: of every scene, where poses are drawn: in a populated one a frame has a time of its own
     :param traced: scene number of every scene frame, where their paths were traced before; a stored path row says which
         frame and scene it is, and is believed
     :param traced_sequences: number of the sequence of every such frame, -1 for none
@@ -210,7 +210,7 @@ class Deal:
     track_scenes: tuple[int, ...] = ()
     grounds: tuple[Ground, ...] = field(default=(), repr=False)
     speeds: Speeds = DRAWN_SPEEDS
-    traffic: tuple[Traffic | None, ...] = field(default=(), repr=False)
+    traffic: tuple[Movers, ...] = field(default=(), repr=False)
     traced: tuple[int, ...] = ()
     traced_sequences: tuple[int, ...] = ()
     points: int = 0
@@ -286,9 +286,8 @@ class Deal:
         scene, pose = self.scene_of(frame_id), self.pose_of(frame_id)
         if pose is None and not self.traced:
             pose = sample_pose(self.grounds[scene], split, generator(seed, "pose"), self.speeds)
-            traffic = self.traffic[scene] if self.traffic else None
-            if traffic is not None:
-                pose = traffic.at_a_clear_time(pose, generator(seed, "traffic"))
+            if self.traffic and self.traffic[scene].populated_s is not None:
+                pose = self.traffic[scene].at_a_clear_time(pose, generator(seed, "traffic"))
         sequence = self.sequence_of(frame_id)
         shared = None if sequence < 0 else sequence_seed(self.seed, sequence)
         return DealtFrame(frame_id, "scene", split, seed, scene=scene, pose=pose, sequence=sequence, shared_seed=shared)

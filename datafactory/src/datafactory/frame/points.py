@@ -6,24 +6,23 @@ street scenes seldom challenge the resolution. It states no distributions; ours 
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, model_validator
 
 from datafactory.paths.echo_points import Seen, all_echo_points
 from datafactory.paths.table import PathTable, ScatteredPaths
-from datafactory.scenes.poses import Coordinate, Speed
+from datafactory.scenes.poses import Coordinate, Speed, read_entries
 from datafactory.scenes.scene import PointTarget
 from datafactory.scenes.targets.models import OPTIONS, SIZES, RcsModel, target_model
 from shared.dataset import Target
 from shared.physics.errors import InputError
 from shared.physics.units import amplitude_to_db, power_to_db
-from shared.radar import Radar, first_validation_error
+from shared.radar import Radar
 from shared.signal import target_amplitudes
 from shared.signal.windows import cell_noise_power
 
@@ -219,16 +218,7 @@ def read_targets(path: Path) -> tuple[PointTargets, ...]:
     :raises InputError: an unreadable file, another shape, a field or value that does not belong, a target at the origin
     """
     expected = 'a list of frames, each a list of targets {"x", "y", "rcs_dbsm", ...}'
-    try:
-        document: Any = json.loads(path.read_text(encoding="utf-8"))
-        frames = TypeAdapter(list[list[_Entry]]).validate_python(document)
-    except (OSError, ValueError, RecursionError) as error:
-        if isinstance(error, ValidationError):
-            raise InputError(path, *first_validation_error(error)) from error
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise InputError(path, f"not readable as JSON: {reason}", expected) from error
-    if not frames:
-        raise InputError(path, "no frames", expected)
+    frames = read_entries(path, TypeAdapter(list[list[_Entry]]), expected, _Entry.model_fields)
     for number, frame in enumerate(frames):
         for index, entry in enumerate(frame):
             if np.hypot(np.hypot(entry.x, entry.y), entry.z) < 0.01:

@@ -11,7 +11,6 @@ import platform
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
@@ -21,7 +20,6 @@ from shared.physics.errors import InputError
 from shared.processes.machine import usable_cores, usable_memory
 from shared.processes.strangers import OURS, remedy, strangers
 
-MINIMUM_PYTHON = (3, 11)
 MINIMUM_MEMORY_GIB = 4.0
 """A rule of thumb, not a measurement: one worker's interpreter, scene, paths and cube."""
 MINIMUM_DISK_GIB = 5.0
@@ -72,8 +70,9 @@ class Finding:
 
 def examine() -> list[Finding]:
     """Look at everything the data factory needs; nothing is raised for anything that is missing."""
+    disk = shutil.disk_usage(os.getcwd())
     return [
-        _python(),
+        Finding("Python", platform.python_version(), True),
         *examine_names(),
         *(_package(name) for name in ("numba", "usd-core", "mitsuba", "drjit", "sionna-rt", "pyarrow")),
         _package("torch", required=False),
@@ -81,8 +80,8 @@ def examine() -> list[Finding]:
         _llvm(),
         _variant(),
         Finding("CPU cores", f"{usable_cores()} usable of {os.cpu_count()}", True, required=False),
-        _amount("memory", usable_memory, MINIMUM_MEMORY_GIB, "fewer --workers, or a larger machine"),
-        _amount("free disk space", _free_disk, MINIMUM_DISK_GIB, "make room, or give --out on another disk"),
+        _amount("memory", usable_memory(), MINIMUM_MEMORY_GIB, "fewer --workers, or a larger machine"),
+        _amount("free disk space", disk.free, MINIMUM_DISK_GIB, "make room, or give --out on another disk"),
     ]
 
 
@@ -97,12 +96,6 @@ def examine_names() -> list[Finding]:
         )
         for package, names in found.items()
     ]
-
-
-def _python() -> Finding:
-    ok = sys.version_info >= MINIMUM_PYTHON
-    remedy = "" if ok else "install Python 3.11 or newer and make the environment again"
-    return Finding("Python", platform.python_version(), ok, remedy)
 
 
 def _package(name: str, required: bool = True) -> Finding:
@@ -160,14 +153,7 @@ def _outcome(script: str, *arguments: str) -> tuple[str, str]:
     return "", (done.stdout.strip().splitlines() or [""])[-1]
 
 
-def _free_disk() -> int:
-    return shutil.disk_usage(os.getcwd()).free
-
-
-def _amount(item: str, measure: Callable[[], int], minimum_gib: float, remedy: str) -> Finding:
-    try:
-        gib = measure() / _GIB
-    except (ImportError, OSError) as error:
-        return Finding(item, f"cannot be told: {error}", False, "pip install psutil", required=False)
+def _amount(item: str, found_bytes: int, minimum_gib: float, remedy: str) -> Finding:
+    gib = found_bytes / _GIB
     ok = gib >= minimum_gib
     return Finding(item, f"{gib:.1f} GiB", ok, "" if ok else f"at least {minimum_gib:g} GiB: {remedy}", required=False)

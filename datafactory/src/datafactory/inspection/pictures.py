@@ -42,8 +42,6 @@ BOX_COLOURS = {"car": "cyan", "truck": "deepskyblue", "bus": "deepskyblue", "ped
 """Of boxes by class; a street has too many for a name beside each."""
 OTHER_COLOUR = "0.6"
 """Of the boxes of all other classes."""
-
-
 MOST_PICTURES = 60
 """Of one animation; a longer sequence is shown in strides."""
 LARGEST_BYTES = 3_000_000
@@ -60,7 +58,6 @@ def write_pictures(dataset: Dataset, count: int, folder: Path, cameras: Cameras 
     The camera pictures that were written with the frames stand beside them.
 
     :param cameras: make those that were not
-
     :raises InputError: a folder that cannot be written, a shard that is damaged, a scene that is not what it was
     """
     rows = [(split, *place) for split in dataset.splits for place in dataset.rows(split)]
@@ -83,7 +80,6 @@ def draw_frame(frame: Frame, radar: Radar, split: str = "", camera: NDArray[np.u
     """One frame side by side: delay-and-sum of the thinned and the full arrays, the truth over u and from above.
 
     Levels are those of amplitude x range, 0 dB at the truth's maximum. Left of the radar is on the left in every panel.
-
     Boxes are drawn over all of them, dotted where the radar does not see what is in them.
 
     :param camera: what a camera at the sensor sees, above the last of them
@@ -100,12 +96,10 @@ def draw_frame(frame: Frame, radar: Radar, split: str = "", camera: NDArray[np.u
         drawn = _panel(axis, title, level, radar)
         _draw_boxes(axis, frame)
     axes[0].set_ylabel("range [m]")
-    if camera is None:
-        plane = figure.add_subplot(grid[:, -1])
-    else:
+    if camera is not None:
         draw_camera(above := figure.add_subplot(grid[0, -1]), camera)
         above.set_title("camera at the sensor")
-        plane = figure.add_subplot(grid[1, -1])
+    plane = figure.add_subplot(grid[:, -1] if camera is None else grid[1, -1])
     draw_from_above(plane, levels[TRUTH_TITLE], radar.waveform.range_step_m, radar.grid.u)
     _mark_targets(plane, frame)
     _outline_boxes(plane, frame)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,9 +84,6 @@ class SceneReport:
     ground_m2: dict[str, float]
     remarks: tuple[str, ...]
 
-    def to_json(self) -> dict[str, Any]:
-        return asdict(self)
-
 
 def examine_scene(scene: Scene, table: MaterialTable) -> SceneReport:
     """The report on a scene that was read."""
@@ -111,17 +107,12 @@ def examine_scene(scene: Scene, table: MaterialTable) -> SceneReport:
 
 
 def _materials(scene: Scene, mapping: MaterialMapping) -> Iterator[MaterialUse]:
-    objects: Counter[str] = Counter()
-    triangles: Counter[str] = Counter()
-    area: dict[str, float] = defaultdict(float)
-    for item in scene.objects:
-        objects[item.material] += 1
-        triangles[item.material] += len(item.triangles)
-        edges = _edges(item)
-        area[item.material] += 0.5 * float(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum())
     for name, (material, rule) in mapping.entries.items():
+        items = [item for item in scene.objects if item.material == name]
+        edges = np.concatenate([_edges(item) for item in items])
+        area = 0.5 * float(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum())
         known = name not in mapping.unknown
-        yield MaterialUse(name, material.name, rule, known, objects[name], triangles[name], area[name])
+        yield MaterialUse(name, material.name, rule, known, len(items), len(edges), area)
 
 
 def _edges(item: SceneObject) -> NDArray[np.float64]:
@@ -165,11 +156,13 @@ def _ground(scene: Scene) -> tuple[dict[str, float], tuple[str, ...]]:
 def _remarks(scene: Scene, mapping: MaterialMapping) -> Iterator[str]:
     """Sentences, each with its figure."""
     if scene.population is not None:
-        yield from scene.population.lines()
+        yield scene.population.line()
     if not scene.objects:
         return
     merged = merge_scene(scene, mapping)
-    panes = {slab.name for slab in merged.slabs if _one_way_db(slab) > PANE_DB}
+    every = np.arange(len(merged.slabs))
+    one_way, _ = Slabs(list(merged.slabs), MID_SWEEP_HZ).transmission(every, np.ones(len(every)))
+    panes = {slab.name for slab, level in zip(merged.slabs, amplitude_to_db(one_way), strict=True) if level > PANE_DB}
     if panes:
         yield f"{', '.join(sorted(panes))} let waves through; every surface is one slab: a pane drawn as a box is two"
     yield from curved_surfaces_of(merged).notes()
@@ -190,8 +183,3 @@ def _remarks(scene: Scene, mapping: MaterialMapping) -> Iterator[str]:
     turning = [item for item in scene.objects if isinstance(item.motion, Moving)]
     if turning:
         yield f"{len(turning)} objects turn or deform: within a frame each point goes straight on with its own velocity"
-
-
-def _one_way_db(slab: Any) -> float:
-    te, _ = Slabs([slab], MID_SWEEP_HZ).transmission(np.zeros(1, dtype=np.int64), np.ones(1))
-    return float(amplitude_to_db(te)[0])

@@ -20,7 +20,7 @@ from datafactory.frame.points import PointTargets
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.run.memory import Load
 from datafactory.run.order import Order, StoredPaths, stored_paths
-from datafactory.scenes.boxes import CLEAR_M, Movers, Traffic, boxed_things
+from datafactory.scenes.boxes import CLEAR_M, Movers, boxed_things
 from datafactory.scenes.drives import CRUISING_SPEEDS, draw_drive
 from datafactory.scenes.ground import Ground
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
@@ -133,7 +133,7 @@ def deal_of(order: Order, scenes: Sequence[Scene]) -> Deal:
         track_scenes=tuple(number_of(k) if order.drives is not None else k % len(scenes) for k in range(len(tracks))),
         grounds=grounds,
         speeds=order.speeds or DRAWN_SPEEDS,
-        traffic=tuple(Traffic.of(scene) for scene in scenes),
+        traffic=tuple(map(Movers, scenes)),
         points=order.points,
         targets=order.targets,
     )
@@ -218,8 +218,8 @@ def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> Pr
     materials = table.map_materials([item.material for item in scene.objects])
     for warning in scene.warnings:
         announce(f"{scene.name}: {warning}")
-    for line in scene.population.lines() if scene.population is not None else ():
-        announce(f"{scene.name}: {line}")
+    if scene.population is not None:
+        announce(f"{scene.name}: {scene.population.line()}")
     mapped = [f"{name or '(none)'} -> {material.name}" for name, (material, _) in materials.entries.items()
               if name != material.name]  # fmt: skip
     told = f"{len(materials.entries)} materials{', ' if mapped else ''}{', '.join(mapped)}"
@@ -254,9 +254,9 @@ def _late_poses(scene: Scene, poses: Sequence[Pose]) -> str:
 
 def _poses_in_traffic(deal: Deal, scenes: Sequence[Scene]) -> list[str]:
     """What to say of given poses that something of a population drives or walks through."""
-    traffic = [Traffic.of(scene) for scene in scenes]
-    given = [(deal.scene_of(n), pose) for n, pose in enumerate(deal.poses)]
-    near = sum(item is not None and not item.clear_of(pose) for item, pose in ((traffic[k], pose) for k, pose in given))
+    traffic = [Movers(scene) for scene in scenes]
+    given = [(traffic[deal.scene_of(n)], pose) for n, pose in enumerate(deal.poses)]
+    near = sum(movers.populated_s is not None and not movers.clear_of([pose]) for movers, pose in given)
     return [f"{near} of {len(given)} poses are within {CLEAR_M:g} m of what drives or walks by"] if near else []
 
 

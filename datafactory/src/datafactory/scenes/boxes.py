@@ -17,20 +17,16 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain
-from datafactory.scenes.motion import Moving, Vector, drift, triple, upright_axes
+from datafactory.scenes.motion import Moving, Real, Vector, drift, triple, upright_axes
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import WORLD_AXES, PointTarget, Scene, SceneObject
 from datafactory.scenes.targets.models import MODELS
 from datafactory.scenes.things import OF_MODELS, OTHER
 
-Real = NDArray[np.float64]
 Axes = tuple[Vector, Vector, Vector]
-
-
-Box = tuple[NDArray[np.float64], NDArray[np.float64]]
+Box = tuple[Real, Real]
 CLEAR_M = 3.0
 """A drawn sensor is so far from everything that drives or walks by: nothing passes through it."""
 TRIES = 64
@@ -134,23 +130,15 @@ class SeenThing:
 
 def seen_things(things: Sequence[BoxedThing], pose: Pose) -> tuple[SeenThing, ...]:
     """The things at a pose's time, in its frame."""
-    return tuple(_seen(thing, thing.at(pose.time_s), pose) for thing in things)
-
-
-def _seen(thing: BoxedThing, box: WorldBox, pose: Pose) -> SeenThing:
-    rotation = pose.rotation()
-    forward, left, up = map(triple, box.axes @ rotation)
-    return SeenThing(
-        name=thing.name,
-        class_name=thing.class_name,
-        center=triple((box.center - np.asarray(pose.position)) @ rotation),
-        size=triple(box.size),
-        forward=forward,
-        left=left,
-        up=up,
-        velocity=triple((box.velocity - np.asarray(pose.velocity)) @ rotation),
-        indices=thing.indices,
-    )
+    rotation, found = pose.rotation(), []
+    for thing in things:
+        box = thing.at(pose.time_s)
+        center = triple((box.center - np.asarray(pose.position)) @ rotation)
+        velocity = triple((box.velocity - np.asarray(pose.velocity)) @ rotation)
+        forward, left, up = map(triple, box.axes @ rotation)
+        where = center, triple(box.size), forward, left, up, velocity
+        found.append(SeenThing(thing.name, thing.class_name, *where, thing.indices))
+    return tuple(found)
 
 
 def _class_of(item: SceneObject | PointTarget) -> str:
@@ -210,35 +198,24 @@ def _corners(target: PointTarget) -> tuple[Real, Real]:
 
 
 class Movers:
-    """The boxes around everything that moves in a scene, upright and along the world's axes, at any time.
-
-    What is only shifted is measured once; of what turns, every vertex is placed anew.
-    """
+    """The boxes around everything that moves in a scene, upright and along the world's axes, at any time."""
 
     def __init__(self, scene: Scene) -> None:
-        moving = [item for item in scene.objects if item.moves]
-        self._turning = [item for item in moving if isinstance(item.motion, Moving)]
-        self._shifted = [
-            (item, (item.vertices.min(axis=0), item.vertices.max(axis=0)))
-            for item in moving
-            if not isinstance(item.motion, Moving)
-        ]
+        self._objects = [item for item in scene.objects if item.moves]
         self._targets = [item for item in scene.targets if item.moves]
-        every = [item.motion for item in moving] + [target.motion for target in self._targets]
+        every = [item.motion for item in self._objects] + [target.motion for target in self._targets]
         self.rests_from_s = max((motion.ends_s for motion in every if motion is not None), default=np.inf)
         """From when on what has samples rests [s]; inf where nothing has."""
+        self.populated_s = scene.population.horizon_s if self and scene.population is not None else None
+        """A population's traffic runs from time 0 to here [s]; None without any, or where nothing moves."""
 
     def __bool__(self) -> bool:
-        return bool(self._turning or self._shifted or self._targets)
+        return bool(self._objects or self._targets)
 
     def boxes(self, time_s: float) -> list[Box]:
         """Lower and upper corner [3] [m] of each at a time [s]."""
         found: list[Box] = []
-        for item, (lower, upper) in self._shifted:
-            assert not isinstance(item.motion, Moving)
-            shift, _ = drift(item.velocity, item.motion, time_s)
-            found.append((lower + shift, upper + shift))
-        for item in self._turning:
+        for item in self._objects:
             vertices = item.at(time_s).vertices
             found.append((vertices.min(axis=0), vertices.max(axis=0)))
         for target in self._targets:
@@ -247,7 +224,7 @@ class Movers:
             found.append((middle - reach, middle + reach))
         return found
 
-    def clear_of(self, poses: Sequence[Pose], least_m: float) -> bool:
+    def clear_of(self, poses: Sequence[Pose], least_m: float = CLEAR_M) -> bool:
         """Whether poses, each at its time, keep at least this from every box [m]."""
         for pose in poses if self else ():
             corners = np.array(self.boxes(pose.time_s))
@@ -257,31 +234,11 @@ class Movers:
                 return False
         return True
 
-
-@dataclass(frozen=True, eq=False)
-class Traffic:
-    """What moves in a populated scene, for frames that have no time yet.
-
-    :param until_s: it runs from time 0 to here [s]
-    """
-
-    movers: Movers
-    until_s: float
-
-    @staticmethod
-    def of(scene: Scene) -> Traffic | None:
-        """None of a scene that is not populated, or in which nothing moves."""
-        movers = Movers(scene)
-        return Traffic(movers, scene.population.horizon_s) if scene.population is not None and movers else None
-
-    def clear_of(self, pose: Pose) -> bool:
-        """Whether a sensor keeps ``CLEAR_M`` from everything at its pose's time."""
-        return self.movers.clear_of([pose], CLEAR_M)
-
     def at_a_clear_time(self, pose: Pose, rng: np.random.Generator) -> Pose:
-        """The pose at a drawn time at which nothing is near; at the last of 64 drawn ones where something always is."""
-        for time_s in rng.uniform(0.0, self.until_s, TRIES).tolist():
+        """The pose at a time of the traffic at which nothing is near; at the last of 64 where something always is."""
+        assert self.populated_s is not None
+        for time_s in rng.uniform(0.0, self.populated_s, TRIES).tolist():
             pose = replace(pose, time_s=time_s)
-            if self.clear_of(pose):
+            if self.clear_of([pose]):
                 break
         return pose

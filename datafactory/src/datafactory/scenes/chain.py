@@ -13,7 +13,6 @@ no part of it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,11 +31,6 @@ class Samples:
 
     times: Real
     values: NDArray[np.floating]
-
-    @staticmethod
-    def constant(value: Sequence[float] | NDArray[np.floating]) -> Samples:
-        """One value for all times."""
-        return Samples(np.zeros(1), np.asarray(value, dtype=np.float64)[None])
 
     def interval(self, time_s: float) -> tuple[int, int, float, float]:
         """Indices of the samples before and after, the share of the second, and the length of the interval [s].

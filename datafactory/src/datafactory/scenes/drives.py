@@ -17,17 +17,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.scenes.boxes import Movers
 from datafactory.scenes.ground import CLEARANCE_M, Ground
 from datafactory.scenes.lanes import STEP_M, Lane, draw_lane, smoothed
+from datafactory.scenes.motion import Real
 from datafactory.scenes.poses import SENSOR_HEIGHT_M, Pose, Speeds, view_from
 from datafactory.scenes.tracks import MOST_FRAMES, pose_of, require_rate
 from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError
-
-Real = NDArray[np.float64]
 
 WORD = "drive"
 ACCELERATION_MPS2 = 3.0
@@ -226,8 +224,6 @@ def draw_drive(
 def _worth(poses: tuple[Pose, ...], ground: Ground, split: Split) -> tuple[float, float]:
     """Of poses spread over a drive: the share that looks along a street, and less the share of what is foreign."""
     chosen = poses[:: max(1, len(poses) // LOOKS)]
-    views = [
-        view_from(ground, pose.position[0], pose.position[1], math.radians(pose.yaw_deg), split) for pose in chosen
-    ]
-    worths = [view.worth for view in views]
-    return float(np.mean([worth[0] for worth in worths])), float(np.mean([worth[1] for worth in worths]))
+    worths = [view_from(ground, *pose.position[:2], math.radians(pose.yaw_deg), split).worth for pose in chosen]
+    along, own, _ = np.mean(worths, axis=0).tolist()
+    return along, own

@@ -83,32 +83,24 @@ def draw_lane(ground: Ground, length_m: float, rng: np.random.Generator, allowed
     :returns: None where the cells are too scattered for a lane of 2 m
     """
     allowed = ground.free if allowed is None else allowed & ground.free
-    # The middle of a street; where the allowed cells do not hold it, their own.
-    return _longest_lane(ground, length_m, rng, allowed, ground.free) or _longest_lane(
-        ground, length_m, rng, allowed, allowed
-    )
-
-
-def _longest_lane(ground: Ground, length_m: float, rng: np.random.Generator, allowed: Mask, free: Mask) -> Lane | None:
-    """The first lane that is long enough, or the longest.
-
-    :param free: [nx, ny] cells in whose middle it runs
-    """
     stride = max(1, round(GRID_M / ground.cell_m))
-    room = _room(free, ground.cell_m)
-    used = allowed[::stride, ::stride]
-    grid, side_m = room[::stride, ::stride], stride * ground.cell_m
-    centre = used & _middle(grid, side_m)
-    middle, grid = np.argwhere(centre), np.where(used, grid, 0.0)
+    used, side_m = allowed[::stride, ::stride], stride * ground.cell_m
     longest: Lane | None = None
-    for _ in range(STARTS_TRIED if len(middle) else 0):
-        start = middle[rng.integers(len(middle))]
-        for way in _ways(grid, centre, side_m, start, length_m, rng):
-            lane = _lane_along(way * stride, ground, allowed, room, length_m)
-            if lane is not None and (longest is None or lane.length_m > longest.length_m):
-                longest = lane
-            if longest is not None and longest.length_m >= length_m:
-                return longest
+    # The middle of a street; where the allowed cells do not hold it, their own.
+    for free in (ground.free, allowed):
+        room = _room(free, ground.cell_m)
+        centre = used & _middle(room[::stride, ::stride], side_m)
+        middle, grid = np.argwhere(centre), np.where(used, room[::stride, ::stride], 0.0)
+        for _ in range(STARTS_TRIED if len(middle) else 0):
+            start = middle[rng.integers(len(middle))]
+            for way in _ways(grid, centre, side_m, start, length_m, rng):
+                lane = _lane_along(way * stride, ground, allowed, room, length_m)
+                if lane is not None and (longest is None or lane.length_m > longest.length_m):
+                    longest = lane
+                if longest is not None and longest.length_m >= length_m:
+                    return longest
+        if longest is not None:
+            break
     return longest
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -25,6 +26,7 @@ from shared.physics.errors import InputError
 from shared.physics.units import FARTHEST_M, FASTEST_MPS
 from shared.radar import first_validation_error
 
+Entry = TypeVar("Entry")
 SENSOR_HEIGHT_M = 0.5
 Speeds = tuple[float, float]
 """Least and largest speed [m/s]."""
@@ -37,7 +39,6 @@ ROAD_PREFERENCE = 0.8
 """Share of the positions drawn on roads, where the split's region has any. The others are drawn on the kerbs."""
 POSITION_TRIES = 32
 YAW_TRIES = 8
-
 
 SIGHT_M = 95.0
 """The default radar's 94.4 m."""
@@ -123,32 +124,30 @@ def read_poses(path: Path) -> tuple[Pose, ...]:
     :raises InputError: if the file cannot be read, is no such list, is empty, or an entry has an unknown, doubled,
         missing or wrong field; the message names the entry (from 0), the field and the value
     """
-    return tuple(entry.pose() for entry in read_entries(path, _ENTRIES, _FORM))
+    return tuple(entry.pose() for entry in read_entries(path, _ENTRIES, _FORM, PoseEntry.model_fields))
 
 
-Entry = TypeVar("Entry", bound="PoseEntry")
-
-
-def read_entries(path: Path, entries: TypeAdapter[list[Entry]], form: str) -> list[Entry]:
-    """Read a JSON list of poses.
+def read_entries(path: Path, entries: TypeAdapter[list[Entry]], form: str, keys: Iterable[str] = ()) -> list[Entry]:
+    """Read a JSON list.
 
     :param entries: what each must be
     :param form: the list, as an example
+    :param keys: that an entry may have
     :raises InputError: see :func:`read_poses`
     """
     try:
         raw = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_without_repeated_keys)
     except OSError as error:
-        raise InputError(path, f"cannot be read: {error.strerror}", "a JSON file of poses") from None
+        raise InputError(path, f"cannot be read: {error.strerror}", f"a JSON file, {form}") from None
     except (ValueError, RecursionError) as error:  # malformed JSON, no UTF-8, a doubled key, nested too deeply
         raise InputError(path, f"malformed JSON: {error}", form) from None
     try:
         found = entries.validate_python(raw)
     except ValidationError as error:
-        problem, expected = first_validation_error(error, "entry ", PoseEntry.model_fields)
+        problem, expected = first_validation_error(error, "entry ", keys)
         raise InputError(path, problem, f"{expected}, as in {form}") from None
     if not found:
-        raise InputError(path, "the list is empty", "at least one pose")
+        raise InputError(path, "the list is empty", form)
     return found
 
 

@@ -2,14 +2,13 @@
 
 This module depends on neither USD nor Mitsuba nor Sionna. Readers convert their input to metres, z up and one world
 frame. Objects are one mesh each, and stand where they are at time 0; :mod:`datafactory.scenes.motion` says where they
-are at other times, and ``at`` of an object, of a target and of a scene asks it.
+are at other times, and ``at`` of an object and of a target asks it.
 """
 
 from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,7 +152,7 @@ class Scene(Told):
             f"{len(self.targets)} point targets; {moving} of them move"
         ]
         if self.objects or self.targets:
-            lower, upper = self._corners
+            lower, upper = self.bounds()
             axes = zip("xyz", lower, upper, strict=True)
             told.append("spans " + ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in axes) + " m")
         if self.source:
@@ -169,27 +168,10 @@ class Scene(Told):
 
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lower and upper corner [m] of everything in the scene, each [3]."""
-        lower, upper = self._corners
-        return lower.copy(), upper.copy()
-
-    @cached_property
-    def _corners(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         corners = [np.array([target.position, target.position]) for target in self.targets]
         corners += [np.stack([item.vertices.min(axis=0), item.vertices.max(axis=0)]) for item in self.objects]
         every = np.stack(corners)
         return every[:, 0].min(axis=0), every[:, 1].max(axis=0)
-
-    def at(self, time_s: float) -> Scene:
-        """The scene as it is at a time [s], at rest there: for pictures, maps and lists."""
-        if time_s == 0.0 or (not any(item.moves for item in self.objects) and not self.targets):
-            return self
-        objects = tuple(
-            replace(item, vertices=item.at(time_s).vertices, velocity=ZERO, motion=None, local=None)
-            if item.moves
-            else item
-            for item in self.objects
-        )
-        return replace(self, objects=objects, targets=tuple(target.at(time_s) for target in self.targets))
 
     def content_hash(self) -> str:
         """SHA-256 over geometry, materials, velocities and targets, independent of the file they came from."""

@@ -81,11 +81,11 @@ class Population:
     roads: tuple[Strip, ...]
     horizon_s: float
 
-    def lines(self) -> tuple[str, ...]:
+    def line(self) -> str:
         """What to tell the user."""
         metres = sum(road.length_m for road in self.roads)
         got = ", ".join(f"{count} {kind}" for kind, count in self.placed.items() if count) or "nothing"
-        return (f"populated with {got}, along {metres:.0f} m of road",)
+        return f"populated with {got}, along {metres:.0f} m of road"
 
     def left_out(self) -> tuple[str, ...]:
         """What did not fit, one line each kind."""

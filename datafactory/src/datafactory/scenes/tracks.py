@@ -19,11 +19,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, ValidationError
 from scipy.spatial.transform import Rotation, Slerp
 
-from datafactory.scenes.motion import triple
+from datafactory.scenes.motion import Real, triple
 from datafactory.scenes.poses import Coordinate, Pose, PoseEntry, Speed, Time, Velocity, read_entries
 from shared.physics.errors import InputError
 from shared.physics.units import FASTEST_MPS
@@ -32,12 +31,9 @@ from shared.radar import first_validation_error
 if TYPE_CHECKING:
     from scipy.interpolate import CubicHermiteSpline
 
-Real = NDArray[np.float64]
-
 LEAST_RATE_HZ, MOST_RATE_HZ = 1e-3, 1e5
 MOST_FRAMES = 1_000_000
 """Of one track: more than a month at 0.3 Hz is a mistyped rate."""
-
 
 COLUMNS = ("time", "x", "y", "z", "yaw_deg")
 VELOCITY = ("vx", "vy", "vz")
@@ -161,7 +157,7 @@ def read_track(path: Path) -> Curve:
 
 
 def _from_json(path: Path) -> Curve:
-    entries = read_entries(path, _ENTRIES, JSON_FORM)
+    entries = read_entries(path, _ENTRIES, JSON_FORM, _Entry.model_fields)
     return _curve(path, entries, [f"entry {number}" for number in range(len(entries))])
 
 

@@ -13,6 +13,7 @@ import math
 from collections.abc import Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -29,8 +30,8 @@ from datafactory.frame.deal import PreparedScene
 from datafactory.run.preparation import prepared_scene
 from datafactory.scenes.materials.table import MaterialTable, load_materials
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
+from datafactory.scenes.traffic.population import recorded
 from datafactory.view.strongest import shown_paths
 from datafactory.view.subject import KINDS, MOTION, SENSOR, TARGET, Met, Subject, css, material_colour
 from shared.dataset import Frame
@@ -74,10 +75,7 @@ def camera_picture(subject: Subject, width: int = WIDTH, height: int = HEIGHT) -
     columns, rows = FINER * width, FINER * height
     left = half * (1.0 - 2.0 * (np.arange(columns) + 0.5) / columns)
     up = half * height / width * (1.0 - 2.0 * (np.arange(rows) + 0.5) / rows)
-    ahead = np.stack(
-        [np.ones((rows, columns)), np.broadcast_to(left, (rows, columns)), np.repeat(up[:, None], columns, axis=1)],
-        axis=-1,
-    ).reshape(-1, 3)
+    ahead = np.stack(np.broadcast_arrays(1.0, left, up[:, None]), axis=-1).reshape(-1, 3)
     direction = ahead / np.linalg.norm(ahead, axis=1, keepdims=True)
     met = subject.caster().cast(np.zeros_like(direction), direction)
     colours = _coloured(subject, met, direction, np.where(np.isfinite(met.distance), met.distance, 0.0))
@@ -97,10 +95,7 @@ def above_picture(
     step = 1.0 / (FINER * pixels_a_metre)
     x = np.arange(farthest, nearest, -step) - 0.5 * step
     y = np.arange(aside, -aside, -step) - 0.5 * step
-    start = np.stack(
-        [np.repeat(x[:, None], len(y), axis=1), np.broadcast_to(y, (len(x), len(y))),
-         np.full((len(x), len(y)), FROM_HEIGHT_M)], axis=-1,
-    ).reshape(-1, 3)  # fmt: skip
+    start = np.stack(np.broadcast_arrays(x[:, None], y, FROM_HEIGHT_M), axis=-1).reshape(-1, 3)
     direction = np.broadcast_to(np.array([0.0, 0.0, -1.0]), start.shape)
     met = subject.caster().cast(start, direction)
     colours = _coloured(subject, met, direction, np.zeros(len(start)))
@@ -142,12 +137,10 @@ def _averaged(colours: Real) -> Picture:
 
 def write_pictures(subject: Subject, folder: Path, stem: str) -> tuple[Path, Path]:
     """Write ``STEM-camera.png`` and ``STEM-above.png``, each with title and legend; returns their paths."""
-    written = []
-    for name, figure in (("camera", camera_figure(subject)), ("above", above_figure(subject))):
-        path = folder / f"{stem}-{name}.png"
-        save_figure(figure, path, dpi=110)
-        written.append(path)
-    return written[0], written[1]
+    camera, above = folder / f"{stem}-camera.png", folder / f"{stem}-above.png"
+    save_figure(camera_figure(subject), camera, dpi=110)
+    save_figure(above_figure(subject), above, dpi=110)
+    return camera, above
 
 
 def camera_figure(subject: Subject) -> Figure:
@@ -191,13 +184,8 @@ def above_figure(subject: Subject) -> Figure:
     for line in subject.field_of_view():
         axis.plot(line[:, 1], line[:, 0], color=css(SENSOR), linewidth=0.8, linestyle="--")
     for _, (x, y, _), (vx, vy, _) in subject.movers():
-        axis.annotate(
-            "",
-            (y + vy, x + vx),
-            (y, x),
-            annotation_clip=True,
-            arrowprops={"arrowstyle": "->", "color": css(MOTION), "lw": 1.4},
-        )
+        arrow = {"arrowstyle": "->", "color": css(MOTION), "lw": 1.4}
+        axis.annotate("", (y + vy, x + vx), (y, x), annotation_clip=True, arrowprops=arrow)
     targets = subject.targets()
     axis.plot(targets[:, 1], targets[:, 0], "o", markersize=5, markerfacecolor="none", color=css(TARGET))
     axis.plot(0.0, 0.0, "^", color=css(SENSOR), markersize=8)
@@ -223,6 +211,7 @@ class _SceneEntry(BaseModel):
     name: str
     source: str
     content_sha256: str
+    population: dict[str, Any] | None = None
 
 
 class _Rendered(BaseModel):
@@ -270,34 +259,26 @@ class Cameras:
             if len(entries) != 1:
                 raise InputError(self._source, f"{len(entries)} scenes named {name!r}", "one")
             (entry,) = entries
-            scene = self._given.get(entry.content_sha256) or open_scene(entry.source)
+            scene = self._given.get(entry.content_sha256) or recorded(vars(entry), entry.source)
             if scene.content_hash() != entry.content_sha256:
                 raise InputError(entry.source, "is not the scene that was rendered", "the file as it was then")
             self._opened[name] = prepared_scene(scene, self._materials, lambda line: None)
         return self._opened[name]
 
 
-def stored_picture(dataset: Dataset, frame_id: int) -> NDArray[np.uint8] | None:
-    """The camera picture of a frame that was written with it; None where there is none.
+def seen(dataset: Dataset, frame: Frame, cameras: Cameras | None) -> Picture | None:
+    """What a camera sees of a frame; None where no picture was written with it and none is to be made.
 
     :raises InputError: a file that is no picture
     """
-    if (picture := dataset.camera(frame_id)) is None:
-        return None
-    try:
-        return np.rint(255.0 * imread(BytesIO(picture))[..., :3]).astype(np.uint8)
-    except (OSError, ValueError, SyntaxError, IndexError) as error:
-        raise InputError(
-            camera_path(dataset.path, frame_id), f"no picture: {error}", "the file as render --camera wrote it"
-        ) from error
-
-
-def seen(dataset: Dataset, frame: Frame, cameras: Cameras | None) -> NDArray[np.uint8] | None:
-    """What a camera sees of a frame; None where no picture was written with it and none is to be made."""
-    picture = stored_picture(dataset, frame.frame_id)
-    if picture is None and cameras is not None and (subject := cameras.subject(frame)) is not None:
-        picture = camera_picture(subject)
-    return picture
+    if (stored := dataset.camera(frame.frame_id)) is not None:
+        try:
+            return np.rint(255.0 * imread(BytesIO(stored))[..., :3]).astype(np.uint8)
+        except (OSError, ValueError, SyntaxError, IndexError) as error:
+            path = camera_path(dataset.path, frame.frame_id)
+            raise InputError(path, f"no picture: {error}", "the file as render --camera wrote it") from error
+    subject = None if cameras is None else cameras.subject(frame)
+    return None if subject is None else camera_picture(subject)
 
 
 def write_cameras(dataset: Dataset, cameras: Cameras) -> Iterator[Location]:

@@ -19,7 +19,7 @@ from trimesh.viewer.notebook import scene_to_html
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from datafactory.view.strongest import PATHS_SHOWN, Shown, ShownPath, shown_paths
+from datafactory.view.strongest import Shown, ShownPath, shown_paths
 from datafactory.view.subject import KINDS, MOTION, SENSOR, TARGET, Subject, css, material_colour
 
 DECIMALS = 3
@@ -27,14 +27,11 @@ DECIMALS = 3
 END_OF_BODY = "</body>"
 
 
-def view_page(subject: Subject, count: int = PATHS_SHOWN) -> str:
-    """The page's HTML.
-
-    :param count: most paths that are shown
-    """
+def view_page(subject: Subject) -> str:
+    """The page's HTML."""
     shown = None
     if subject.table is not None:
-        shown = shown_paths(subject.table, subject.caster(), subject.targets(), count)
+        shown = shown_paths(subject.table, subject.caster(), subject.targets())
     # No name of a scene can end the script: "<" is written as its escape.
     data = json.dumps(page_data(subject, shown)).replace("<", "\\u003c")
     overlay = files("datafactory.view").joinpath("overlay.html").read_text(encoding="utf-8").replace("$DATA", data)
@@ -99,16 +96,10 @@ def page_data(subject: Subject, shown: Shown | None) -> dict[str, Any]:
 
 def _kinds(shown: Shown) -> list[dict[str, Any]]:
     return [
-        {
-            "name": kind,
-            "colour": css(colour),
-            "found": shown.found[kind],
-            "paths": [
-                {"points": _rounded(path.points), "text": _said(path)} for path in shown.paths if path.kind == kind
-            ],
-        }
+        {"name": kind, "colour": css(colour), "found": shown.found[kind],
+         "paths": [{"points": _rounded(path.points), "text": _said(path)} for path in shown.paths if path.kind == kind]}
         for kind, colour in KINDS.items()
-    ]
+    ]  # fmt: skip
 
 
 def _said(path: ShownPath) -> str:

@@ -29,8 +29,6 @@ Real = NDArray[np.float64]
 ARCS_M = (10.0, 20.0, 40.0, 80.0)
 """Ranges at which the field of view has an arc."""
 ARC_POINTS = 49
-
-
 Colour = tuple[int, int, int]
 """Red, green, blue, 0 to 255."""
 MATERIALS: dict[str, Colour] = {
@@ -45,12 +43,9 @@ MATERIALS: dict[str, Colour] = {
 DIRECT, MIRROR, SEVERAL = "direct scatter", "mirror", "multi-bounce"
 DIFFRACTION, REFRACTION = "diffraction", "refraction"
 KINDS: dict[str, Colour] = {
-    DIRECT: (213, 94, 0),
-    MIRROR: (0, 114, 178),
-    SEVERAL: (160, 32, 120),
-    DIFFRACTION: (0, 140, 90),
+    DIRECT: (213, 94, 0), MIRROR: (0, 114, 178), SEVERAL: (160, 32, 120), DIFFRACTION: (0, 140, 90),
     REFRACTION: (204, 153, 0),
-}
+}  # fmt: skip
 """Kinds of path, after Okabe and Ito, Color Universal Design, 2008: told apart with any kind of colour vision."""
 SENSOR: Colour = (20, 20, 20)
 MOTION: Colour = (220, 20, 60)

@@ -15,7 +15,7 @@ import pytest
 import trimesh
 from factory_command import run
 from pxr import Sdf, Usd
-from scene_solids import city_solids
+from scene_solids import city_solids, triangles_of
 from solids import intersecting
 
 from datafactory.scenes.city import furniture
@@ -29,8 +29,8 @@ from datafactory.scenes.city.buildings import (
     bays,
     building,
 )
-from datafactory.scenes.city.city import VERSION, city, write_city
-from datafactory.scenes.city.rules import Style
+from datafactory.scenes.city.city import VERSION, city, models, write_city
+from datafactory.scenes.city.rules import RULES, Style
 from datafactory.scenes.city.shapes import Surface, framed_pane, prism, stepped_surface, welded
 from datafactory.scenes.city.site import Placement
 from shared.physics.errors import InputError
@@ -84,7 +84,7 @@ def test_no_body_is_in_another(style: Style, seed: int) -> None:
     """By the meshes themselves."""
     placements = placements_of(style, seed)
     assert intersecting(city_solids(placements)) == []
-    triangles = sum(len(item.surface.triangles()) for item in placements if item.surface is not None)
+    triangles = sum(len(triangles_of(item.surface)) for item in placements if item.surface is not None)
     assert 15_000 < triangles < LARGEST
     assert {item.radar_class for item in placements} - {""} <= CLASSES
 
@@ -186,7 +186,7 @@ RNG = np.random.default_rng(3)
 
 
 def as_mesh(surface: Surface) -> trimesh.Trimesh:
-    return trimesh.Trimesh(surface.vertices, surface.triangles(), process=False)
+    return trimesh.Trimesh(surface.vertices, triangles_of(surface), process=False)
 
 
 def house(shape: str, glazed: tuple[str, ...], **fields: object) -> Building:
@@ -198,16 +198,7 @@ PARTS = {
     **{f"house {shape} {len(glazed)}": building(house(shape, glazed, bands=True, cornice=True))
        for shape in ("flat", "gable", "hip") for glazed in (("front",), SIDES, (), ("front", "left"))},
     "house balconies": building(house("flat", ("front",), balconies=((1, 0), (2, 2)))),
-    **{name: furniture.car(shape) for name, shape in furniture.CAR_SHAPES.items()},
-    "lorry": furniture.lorry(), "bus": furniture.bus(),
-    "lamp": furniture.lamp_post(9.0), "bollard": furniture.bollard(), "bin": furniture.litter_bin(),
-    **{f"sign {kind}": furniture.sign(kind) for kind in ("round", "triangle", "panel")},
-    "tree": furniture.street_tree(RNG, 1.3), "conifer": furniture.conifer(RNG),
-    "traffic light": furniture.traffic_light(), "guard rail": furniture.guard_rail(8.0, 4.0),
-    "railing": furniture.pedestrian_rail(3.0), "barrier": furniture.barrier(6.0), "shelter": furniture.bus_shelter(),
-    "manhole": furniture.manhole_cover(), "fence": furniture.fence(5.0), "container": furniture.container(),
-    "tank": furniture.tank(3.0, 8.0), "gantry": furniture.gantry(14.0), "bench": furniture.bench(),
-    "noise wall": furniture.noise_wall(4.0, 4.0, "wood"),
+    **models(RNG, RULES[Style.OLD_TOWN]), "tank": furniture.tank(3.0, 8.0),
 }  # fmt: skip
 
 
@@ -283,7 +274,7 @@ def test_stepped_surface_adds_the_kerb_to_the_flat_area() -> None:
 
 def test_framed_pane_lies_behind_its_outline_by_the_recess() -> None:
     outline = np.array([(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (2.0, 0.0, 1.0), (0.0, 0.0, 1.0)])  # normal -y
-    panes = [item for item in framed_pane(outline, 0.1, 0.05, "wood", "glass") if item.material == "glass"]
+    panes = [item for item in framed_pane(outline, 0.1, 0.05, "wood") if item.material == "glass"]
     assert len(panes) == 1
     assert panes[0].corners == pytest.approx(
         np.array([(0.1, 0.05, 0.1), (1.9, 0.05, 0.1), (1.9, 0.05, 0.9), (0.1, 0.05, 0.9)])

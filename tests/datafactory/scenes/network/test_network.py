@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from road_networks import ARC_M, GRADE, LANE_M, LINE_M, OSM, OTHER_M, RADIUS_M, opendrive
+from scene_solids import triangles_of
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
@@ -71,14 +72,14 @@ def test_roads_are_as_large_as_their_lanes_and_lie_above_the_land(built: tuple[l
     road, land = ground["Ground/Road_0"], ground["Ground/Land"]
     assert road is not None
     assert land is not None
-    corners = road.vertices[road.triangles()]
+    corners = road.vertices[triangles_of(road)]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert (normal[:, 2] > 0.0).all()
     # Road 1, 2 and 3 with both lanes, and a junction of 20 m by about 14.
     area = 0.5 * normal[:, 2].sum()
     lanes = 2.0 * LANE_M * (LINE_M + ARC_M + 2.0 * OTHER_M)
     assert lanes + 100.0 < area < lanes + 350.0
-    assert lowest_clearance(corners.mean(axis=1), land.vertices[land.triangles()]) > 0.05
+    assert lowest_clearance(corners.mean(axis=1), land.vertices[triangles_of(land)]) > 0.05
 
 
 def lowest_clearance(points: np.ndarray, triangles: np.ndarray) -> float:

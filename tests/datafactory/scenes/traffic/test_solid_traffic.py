@@ -13,7 +13,7 @@ from solids import Shape, Standing, containing, intersecting
 from town_scenes import two_blocks
 
 from datafactory.frame.deal import Deal
-from datafactory.scenes.boxes import CLEAR_M, Movers, Traffic
+from datafactory.scenes.boxes import CLEAR_M, Movers
 from datafactory.scenes.city.city import city
 from datafactory.scenes.city.rules import Style
 from datafactory.scenes.city.usd import write_usd
@@ -119,7 +119,7 @@ def nothing_is_in_anything_else(item: Populated) -> None:
 def sensors_are_within_nothing(item: Populated) -> None:
     """Poses drawn with a time each, and a drive of ten poses, against everything as it stands at that time."""
     ground = sensor_ground(item.scene)
-    deal = Deal(seed=3, scenes=1, frames=16, grounds=(ground,), traffic=(Traffic.of(item.scene),))
+    deal = Deal(seed=3, scenes=1, frames=16, grounds=(ground,), traffic=(Movers(item.scene),))
     drawn = [deal.frame(number).where for number in range(16)]
     assert len({pose.time_s for pose in drawn}) == 16
     assert all(0.0 <= pose.time_s < HORIZON_S for pose in drawn)

@@ -153,7 +153,7 @@ def _wall(side: str, us: list[float], zs: list[float], style: Building) -> list[
         # Reveals are upright quads; panes are flat ones at the window's depth.
         is_pane = flat.material == "window" and np.ptp(flat.corners[:, 2]) == 0.0
         if is_pane:
-            polygons += framed_pane(corners, FRAME_WIDTH, PANE_RECESS, style.frame, "glass")
+            polygons += framed_pane(corners, FRAME_WIDTH, PANE_RECESS, style.frame)
         else:
             polygons.append(Polygon(corners, KEYS.get(flat.material, style.wall)))
     return polygons

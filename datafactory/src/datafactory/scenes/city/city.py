@@ -19,7 +19,7 @@ import numpy as np
 from datafactory.scenes.city import dwellings, furniture, roadside, works
 from datafactory.scenes.city.plan import ZEBRA_M, Block, Plan, Rectangle, draw_plan
 from datafactory.scenes.city.rules import RULES, Rules, Style
-from datafactory.scenes.city.shapes import Surface, stepped_surface, welded
+from datafactory.scenes.city.shapes import Surface, cylinder, stepped_surface, welded
 from datafactory.scenes.city.site import Placement, Site
 from datafactory.scenes.city.usd import check_output, write_usd
 
@@ -56,8 +56,9 @@ def models(rng: np.random.Generator, rules: Rules, gantry_m: float = 10.0) -> di
     shared |= {f"Conifer_{i}": furniture.conifer(rng) for i in range(2)}
     shared |= {f"Sign_{kind}": furniture.sign(kind) for kind in ("round", "triangle", "panel")}
     shared |= {"Lamp": furniture.lamp_post(rules.lamp_height_m), "Signal": furniture.traffic_light()}
-    shared |= {"Bollard": furniture.bollard(), "Bin": furniture.litter_bin(), "Bench": furniture.bench()}
-    shared |= {"Shelter": furniture.bus_shelter(), "Manhole": furniture.manhole_cover()}
+    shared |= {"Bollard": cylinder(0.06, 0.0, 1.0, 12, "metal"), "Bin": cylinder(0.24, 0.0, 0.9, 12, "metal")}
+    shared |= {"Manhole": cylinder(0.3, 0.0, 0.005, 16, "metal")}  # of cast iron, 5 mm above the road
+    shared |= {"Bench": furniture.bench(), "Shelter": furniture.bus_shelter()}
     shared |= {"PedestrianRail": furniture.pedestrian_rail(3.0), "Fence": furniture.fence(works.FENCE_M)}
     shared |= {"Container": furniture.container(), "Barrier": furniture.barrier(works.PIECE_M)}
     shared |= {"GuardRail": furniture.guard_rail(works.PIECE_M, 4.0)}

@@ -51,16 +51,6 @@ def sign(kind: str) -> Surface:
     return joined([cylinder(0.03, 0.0, 2.9, 12, "metal"), plate])
 
 
-def bollard() -> Surface:
-    """Steel bollard, 1 m."""
-    return cylinder(0.06, 0.0, 1.0, 12, "metal")
-
-
-def litter_bin() -> Surface:
-    """Litter bin of sheet metal, 0.9 m."""
-    return cylinder(0.24, 0.0, 0.9, 12, "metal")
-
-
 def street_tree(rng: np.random.Generator, radius: float) -> Surface:
     """A tree whose crown stays within 1.2 ``radius`` [m] of its trunk and begins 3.9 m above the ground, or higher.
 
@@ -111,8 +101,8 @@ def pedestrian_rail(length: float) -> Surface:
     posts = [
         box((x - 0.025, -0.025, 0.0), (x + 0.025, 0.025, 0.94), "metal") for x in np.linspace(0.05, length - 0.05, 3)
     ]
-    bars = [box((0.0, -0.025, z), (length, 0.025, z + 0.06), "metal") for z in (0.94,)]
-    return joined([*posts, *bars, box((0.08, -0.015, 0.45), (0.5 * length - 0.03, 0.015, 0.49), "metal")])
+    bar = box((0.0, -0.025, 0.94), (length, 0.025, 1.0), "metal")
+    return joined([*posts, bar, box((0.08, -0.015, 0.45), (0.5 * length - 0.03, 0.015, 0.49), "metal")])
 
 
 def barrier(length: float) -> Surface:
@@ -137,11 +127,6 @@ def bus_shelter() -> Surface:
     bench = box((-1.6, 0.75, 0.42), (1.6, 1.1, 0.47), "wood")
     legs = [box((x - 0.04, 0.85, 0.0), (x + 0.04, 0.95, 0.42), "metal") for x in (-1.3, 1.3)]
     return joined([*posts, back, *ends, roof, bench, *legs])
-
-
-def manhole_cover() -> Surface:
-    """A cast iron cover of 0.6 m, 5 mm above the road."""
-    return cylinder(0.3, 0.0, 0.005, 16, "metal")
 
 
 def fence(length: float) -> Surface:
@@ -242,7 +227,7 @@ def car(shape: CarShape) -> Surface:
     rear, front = 3, 4  # where the rear window and the windscreen meet the waistline
 
     def pane(*corners: NDArray[np.float64]) -> list[Polygon]:
-        return framed_pane(np.array(corners), 0.06, 0.01, "metal", "glass")
+        return framed_pane(np.array(corners), 0.06, 0.01, "metal")
 
     # The outline runs counter-clockwise seen from the left; the cabin stands on the edge from rear to front.
     polygons = [Polygon(left, "metal"), Polygon(right[::-1], "metal")]
@@ -254,18 +239,16 @@ def car(shape: CarShape) -> Surface:
     polygons += pane(right[rear], right[front], roof_right[1], roof_right[0])
     polygons += pane(left[front], left[rear], roof_left[0], roof_left[1])
 
-    radius, width = 0.32, 0.2
-    wheel = cylinder(radius, -0.5 * width, 0.5 * width, 10, "rubber")
     # The tread stands 2 cm outside the flank, so that the body does not hide the wheel from the radar.
-    track = shape.half_width + 0.02 - 0.5 * width
-    wheels = [wheel.moved((x, side * track, radius), QUARTER_TURN_X) for x in shape.axles for side in (-1.0, 1.0)]
-    return joined([welded(polygons), *wheels])
+    return joined([welded(polygons), *_wheels(shape.axles, shape.half_width + 0.02, 0.32, 0.2, 10)])
 
 
-def _wheels(axles: tuple[float, ...], half_width: float, radius: float) -> list[Surface]:
+def _wheels(
+    axles: tuple[float, ...], half_width: float, radius: float, width: float = 0.28, sides: int = 12
+) -> list[Surface]:
     """Two wheels on each axle, their outer flanks at ``half_width``."""
-    wheel = cylinder(radius, -0.14, 0.14, 12, "rubber")
-    centre = half_width - 0.14
+    wheel = cylinder(radius, -0.5 * width, 0.5 * width, sides, "rubber")
+    centre = half_width - 0.5 * width
     return [wheel.moved((x, side * centre, radius), QUARTER_TURN_X) for x in axles for side in (-1.0, 1.0)]
 
 
@@ -294,7 +277,7 @@ def _glazed_box(
             for bottom, top in pairwise(levels):
                 quad = np.array([(*a, bottom), (*b, bottom), (*b, top), (*a, top)])
                 if count and low <= bottom < high:
-                    polygons += framed_pane(quad, 0.08, 0.02, "metal", "glass")
+                    polygons += framed_pane(quad, 0.08, 0.02, "metal")
                 else:
                     polygons.append(Polygon(quad, "metal"))
     for z, turn in ((z1, 1), (z0, -1)):

@@ -47,26 +47,10 @@ class Surface:
     faces: tuple[tuple[int, ...], ...]
     materials: tuple[str, ...]
 
-    def triangles(self, material: str | None = None) -> NDArray[np.int64]:
-        """[T, 3] vertex indices of all faces, or of those of one material, as fans (the faces are convex)."""
-        chosen = [
-            (face[0], face[i], face[i + 1])
-            for face, key in zip(self.faces, self.materials, strict=True)
-            if material is None or key == material
-            for i in range(1, len(face) - 1)
-        ]
-        return np.array(chosen, dtype=np.int64).reshape(-1, 3)
-
     def moved(self, offset: ArrayLike, rotation: ArrayLike | None = None) -> Surface:
         """The same body rotated by a proper rotation [3, 3] and then shifted by ``offset`` [3] in metres."""
         turned = self.vertices if rotation is None else self.vertices @ np.asarray(rotation, dtype=np.float64).T
         return Surface(np.round(turned + np.asarray(offset), MILLIMETRE_DECIMALS), self.faces, self.materials)
-
-
-def yaw_rotation(yaw_deg: float) -> NDArray[np.float64]:
-    """Right-handed rotation [3, 3] about z by ``yaw_deg`` degrees."""
-    cosine, sine = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))
-    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
 def welded(polygons: Iterable[Polygon]) -> Surface:
@@ -164,8 +148,8 @@ def stepped_surface(
     return polygons
 
 
-def framed_pane(corners: NDArray[np.float64], border: float, recess: float, frame: str, pane: str) -> list[Polygon]:
-    """A planar quad as a frame around a pane that lies ``recess`` behind it; the outline stays as it is.
+def framed_pane(corners: NDArray[np.float64], border: float, recess: float, frame: str) -> list[Polygon]:
+    """A planar quad as a frame around a pane of glass that lies ``recess`` behind it; the outline stays as it is.
 
     :param corners: [4, 3] outline [m], counter-clockwise seen from outside; parallel sides 0-1 and 2-3
     :param border: width of the frame [m]
@@ -181,7 +165,7 @@ def framed_pane(corners: NDArray[np.float64], border: float, recess: float, fram
     inner = np.array([inside(along, up), inside(1 - along, up), inside(1 - along, 1 - up), inside(along, 1 - up)])
     normal = np.cross(b - a, d - a)
     sunk = inner - recess * normal / np.linalg.norm(normal)
-    polygons = [Polygon(sunk, pane)]
+    polygons = [Polygon(sunk, "glass")]
     for i, j in [(0, 1), (1, 2), (2, 3), (3, 0)]:
         polygons.append(Polygon(np.array([corners[i], corners[j], inner[j], inner[i]]), frame))
         polygons.append(Polygon(np.array([inner[i], inner[j], sunk[j], sunk[i]]), frame))

@@ -6,8 +6,9 @@ What would stand inside something else, seen from above, is left out.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +16,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from datafactory.scenes.city.shapes import Surface
+from datafactory.scenes.motion import Vector
 from datafactory.scenes.things import Strip
-
-Vector = tuple[float, float, float]
-
 
 TOUCH_M = 0.01
 """Things that overlap by less stand beside each other."""
+CELL_M = 20.0
 
 
 @dataclass(frozen=True)
@@ -83,18 +83,12 @@ class Site:
         self.rng = rng
         self.models = models
         self.placements: list[Placement] = []
-        self.occupied = Occupied()
         self._counts: dict[str, int] = {}
+        self._taken: dict[tuple[int, int], list[Footprint]] = {}  # by the cells that they touch
         self._boxes_of_models: dict[str, NDArray[np.float64]] = {}
 
     def place(
-        self,
-        group: str,
-        kind: str,
-        what: str | Surface,
-        position: Vector,
-        yaw_deg: float = 0.0,
-        margin: float = 0.0,
+        self, group: str, kind: str, what: str | Surface, position: Vector, yaw_deg: float = 0.0, margin: float = 0.0
     ) -> bool:
         """Place something that rests, unless it would stand inside something else; whether it was placed.
 
@@ -102,10 +96,13 @@ class Site:
         :param margin: free space around it [m]
         """
         bodies = self.footprints(what, position, yaw_deg)
-        if not all(self.occupied.free(body.grown(margin)) for body in bodies):
-            return False
         for body in bodies:
-            self.occupied.add(body)
+            wanted = body.grown(margin)
+            if any(wanted.overlaps(other) for cell in wanted.cells() for other in self._taken.get(cell, ())):
+                return False
+        for body in bodies:
+            for cell in body.cells():
+                self._taken.setdefault(cell, []).append(body)
         self.add(group, kind, what, position, yaw_deg)
         return True
 
@@ -118,31 +115,17 @@ class Site:
         return footprints_of(self._boxes_of_models[what], position, yaw_deg)
 
     def add(
-        self,
-        group: str,
-        kind: str,
-        what: str | Surface,
-        position: Vector,
-        yaw_deg: float = 0.0,
+        self, group: str, kind: str, what: str | Surface, position: Vector, yaw_deg: float = 0.0,
         keyframes: Sequence[Keyframe] = (),
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Add something whose place is known to be free, such as what moves in a lane."""
         model = what if isinstance(what, str) else ""
         surface = self.models[what] if isinstance(what, str) else what
         number = self._counts.get(kind, 0)
         self._counts[kind] = number + 1
         x, y, z = (round(value, 3) + 0.0 for value in position)
-        self.placements.append(
-            Placement(
-                f"{group}/{kind}_{number}",
-                surface,
-                (x, y, z),
-                round(yaw_deg, 2),
-                model=model,
-                keyframes=tuple(keyframes),
-                radar_class=CLASSES.get(kind, ""),
-            )
-        )
+        thing = Placement(f"{group}/{kind}_{number}", surface, (x, y, z), round(yaw_deg, 2), model=model)
+        self.placements.append(replace(thing, keyframes=tuple(keyframes), radar_class=CLASSES.get(kind, "")))
 
 
 @dataclass(frozen=True)
@@ -166,6 +149,12 @@ class Footprint:
         """Whether the two have more in common than a touch."""
         apart = self.low >= other.high - TOUCH_M or other.low >= self.high - TOUCH_M
         return not apart and self.ground.overlaps(other.ground, -TOUCH_M)
+
+    def cells(self) -> Iterator[tuple[int, int]]:
+        """The cells of a coarse grid that it may touch: only what shares one with it can overlap it."""
+        corners = self.ground.corners() / CELL_M
+        (x0, y0), (x1, y1) = np.floor(corners.min(axis=0)), np.floor(corners.max(axis=0))
+        return product(range(int(x0), int(x1) + 1), range(int(y0), int(y1) + 1))
 
 
 def body_boxes(surface: Surface) -> NDArray[np.float64]:
@@ -194,28 +183,3 @@ def footprints_of(boxes: NDArray[np.float64], position: tuple[float, float, floa
         ground = Strip(middle, yaw, length, 0.5 * width)
         found.append(Footprint(ground, position[2] + lower[2], position[2] + upper[2]))
     return found
-
-
-class Occupied:
-    """The footprints so far."""
-
-    CELL_M = 20.0
-
-    def __init__(self) -> None:
-        self._cells: dict[tuple[int, int], list[Footprint]] = {}
-
-    def free(self, wanted: Footprint) -> bool:
-        """Whether nothing so far overlaps it."""
-        near = {id(item): item for cell in self._touched(wanted) for item in self._cells.get(cell, ())}
-        return not any(wanted.overlaps(item) for item in near.values())
-
-    def add(self, item: Footprint) -> None:
-        for cell in self._touched(item):
-            self._cells.setdefault(cell, []).append(item)
-
-    def _touched(self, item: Footprint) -> list[tuple[int, int]]:
-        corners = item.ground.corners()
-        (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
-        columns = range(math.floor(x0 / self.CELL_M), math.floor(x1 / self.CELL_M) + 1)
-        rows = range(math.floor(y0 / self.CELL_M), math.floor(y1 / self.CELL_M) + 1)
-        return [(i, j) for i in columns for j in rows]

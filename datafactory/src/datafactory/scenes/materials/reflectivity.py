@@ -71,9 +71,10 @@ def scattering_coefficient_for_sigma0(
     relative_permittivity: float,
     conductivity_s_per_m: float,
     frequency_hz: float,
-    polarization: Polarization = "tm",
 ) -> float:
     """Scattering coefficient S with which a Lambertian half-space has the stated sigma0 at the stated grazing angle.
+
+    The radar is vertically polarised (TM over a road).
 
     The inverse of :func:`lambertian_sigma0`, capped at S = 1 because the model cannot scatter more than it reflects.
     The match is exact at that one angle: elsewhere the model follows |Gamma|^2 sin^2(grazing). For asphalt set to
@@ -82,11 +83,8 @@ def scattering_coefficient_for_sigma0(
 
     :param sigma0_db: radar cross section per unit area [dB relative to 1 m^2/m^2]
     :param grazing_deg: angle above the surface [deg], above 0 and at most 90
-    :param polarization: ``"tm"`` for a vertically polarised radar over a road
     """
     incidence = math.radians(90.0 - grazing_deg)
-    reflectivity = fresnel_reflectivity(
-        relative_permittivity, conductivity_s_per_m, frequency_hz, incidence, polarization
-    )
+    reflectivity = fresnel_reflectivity(relative_permittivity, conductivity_s_per_m, frequency_hz, incidence, "tm")
     unit = float(lambertian_sigma0(1.0, reflectivity, incidence))
     return min(1.0, math.sqrt(float(db_to_power(sigma0_db)) / unit))

@@ -103,6 +103,17 @@ def sumo_tools() -> tuple[Path, ModuleType]:
     return Path(sumo.SUMO_HOME) / "bin", sumolib
 
 
+def _run(command: list[str], made: Path, source: Path, expected: str) -> None:
+    """Run one of SUMO's programs.
+
+    :raises InputError: it did not make what it should
+    """
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
+    if done.returncode or not made.is_file():
+        said = [line.strip() for line in done.stderr.splitlines() if line.startswith("Error")]
+        raise InputError(source, f"{Path(command[0]).name}: {said[0] if said else 'it says nothing'}", expected)
+
+
 def read_network(path: Path, form: str, folder: Path) -> Network:
     """Convert a file and read its lanes.
 
@@ -116,10 +127,7 @@ def read_network(path: Path, form: str, folder: Path) -> Network:
     target = folder / "network.net.xml"
     arguments = [part.format(path=path) for part in READ[form]]
     command = [str(programs / "netconvert"), *arguments, "-o", str(target), "--precision", "4", "--no-warnings"]
-    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
-    if done.returncode or not target.is_file():
-        said = [line.strip() for line in done.stderr.splitlines() if line.startswith("Error")]
-        raise InputError(path, f"netconvert: {said[0] if said else 'it says nothing'}", WANTED[form])
+    _run(command, target, path, WANTED[form])
     net = sumolib.net.readNet(str(target), withInternal=True)
     lanes, speeds = [], {}
     for edge in net.getEdges(withInternal=True):
@@ -141,20 +149,14 @@ def read_network(path: Path, form: str, folder: Path) -> Network:
 
 def along(points: Real, step_m: float) -> tuple[Real, Real]:
     """Places on a polyline every ``step_m``, [k, 3], and the headings there [k] [degree]."""
-    steps = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1)
-    keep = np.concatenate([[True], steps > 1e-6])
-    points = points[keep]
-    if len(points) < 2:
-        return np.zeros((0, 3)), np.zeros(0)
-    steps = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1)
-    ends = np.concatenate([[0.0], np.cumsum(steps)])
+    steps = np.hypot(*np.diff(points[:, :2], axis=0).T)
+    points = points[np.concatenate([[True], steps > 1e-6])]
+    delta = np.diff(points, axis=0)
+    ends = np.concatenate([[0.0], np.cumsum(np.hypot(*delta[:, :2].T))])
     at = np.arange(0.5 * step_m, ends[-1], step_m)
-    piece = np.clip(np.searchsorted(ends, at, side="right") - 1, 0, len(steps) - 1)
-    share = ((at - ends[piece]) / steps[piece])[:, None]
-    places = points[piece] + share * (points[piece + 1] - points[piece])
-    delta = points[piece + 1] - points[piece]
-    headings = np.array([math.degrees(math.atan2(y, x)) for x, y in delta[:, :2]])
-    return places, headings
+    places = np.stack([np.interp(at, ends, points[:, axis]) for axis in range(3)], axis=1)
+    x, y, _ = delta[np.searchsorted(ends, at, side="right") - 1].T
+    return places, np.degrees(np.arctan2(y, x))
 
 
 def trajectories(
@@ -177,12 +179,7 @@ def trajectories(
         "--seed", str(int(rng.integers(2**31 - 1))), "--lanechange.duration", "3", "--time-to-teleport", "-1",
         "--ignore-route-errors", "--no-step-log", "--no-warnings", "--xml-validation", "never",
     ]  # fmt: skip
-    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
-    if done.returncode or not (folder / "driven.xml").is_file():
-        said = [line for line in done.stderr.splitlines() if line.startswith("Error")]
-        raise InputError(
-            network.source, f"sumo: {said[0] if said else 'it says nothing'}", "a network that cars can drive"
-        )
+    _run(command, folder / "driven.xml", network.source, "a network that cars can drive")
     driven: dict[str, tuple[str, list[Keyframe]]] = {}
     count = 0
     for _, step in ElementTree.iterparse(folder / "driven.xml"):

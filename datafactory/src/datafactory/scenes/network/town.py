@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -86,15 +87,15 @@ def town(
     rng, rules = np.random.default_rng(seed), RULES[style]
     half = 0.5 * extent
     window = shapely.box(centre[0] - half, centre[1] - half, centre[0] + half, centre[1] + half)
-    road, heights = road_area(network, window), Heights(network)
+    road, heights = road_area(network, window), Heights(network, window)
     if road.is_empty:
         middle = ", ".join(f"{value:.0f}" for value in network.centre())
         wanted = f"--centre and --extent over its roads, whose middle is ({middle})"
         raise InputError(network.source, f"no road within {half:g} m of ({centre[0]:g}, {centre[1]:g})", wanted)
     site = Site(rng, models(rng, rules))
     land = LAND.get(style, "vegetation")
-    site.placements += ground(network, window, road, heights, rules.kerb_m, land)
-    beside = _Beside(site, rules, style, window, road, heights)
+    site.placements += ground(road, heights, rules.kerb_m, land)
+    beside = _Beside(site, rules, style, road, heights)
     outer = [lane for lane in network.lanes if lane.outermost and not lane.junction]
     for lane in outer:
         beside.buildings(lane)
@@ -112,13 +113,10 @@ def town(
 class _Beside:
     """Places things to the right of lanes, off all roads and within the window."""
 
-    def __init__(self, site: Site, rules: Rules, style: Style, window: Any, road: Any, heights: Heights) -> None:
+    def __init__(self, site: Site, rules: Rules, style: Style, road: Any, heights: Heights) -> None:
         import shapely
 
-        self._site, self._rules, self._style = site, rules, style
-        self._heights, self._window = heights, window
-        x0, y0, x1, y1 = window.bounds
-        self._origin = np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1)])
+        self._site, self._rules, self._style, self._heights = site, rules, style, heights
         self._pavement = PAVEMENT_M if rules.kerb_m else 0.0
         self._road, self._paved = road, road.buffer(self._pavement + 0.2)
         shapely.prepare(self._road)
@@ -142,9 +140,9 @@ class _Beside:
         bodies = self._site.footprints(what, (float(at[0]), float(at[1]), 0.0), item.yaw_deg)
         outlines = [body.ground.corners() for body in bodies if body.low < HEADROOM_M]
         for outline in map(shapely.Polygon, outlines):
-            if not self._window.contains(outline) or off.intersects(outline):
+            if not self._heights.window.contains(outline) or off.intersects(outline):
                 return False
-        x, y = (at - self._origin).tolist()
+        x, y = (at - self._heights.origin[:2]).tolist()
         z = float(self._heights.at(np.concatenate(outlines)).min()) + above
         return self._site.place(item.group, item.kind, what, (x, y, z), item.yaw_deg, margin=0.05)
 
@@ -194,9 +192,14 @@ class _Beside:
 
 
 class Heights:
-    """The height of the ground anywhere: a mean of the nearest points of the lanes, weighted by 1 / distance^2."""
+    """The height of the ground anywhere: a mean of the nearest points of the lanes, weighted by 1 / distance^2.
 
-    def __init__(self, network: Network) -> None:
+    :param window: shapely polygon in the network's coordinates; its middle is the world's origin
+    """
+
+    def __init__(self, network: Network, window: Any) -> None:
+        x0, y0, x1, y1 = window.bounds
+        self.window, self.origin = window, np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.0])
         points = [np.concatenate([lane.points, along(lane.points, 2.0)[0]]) for lane in network.lanes]
         every = np.concatenate(points)
         self._tree, self._z = KDTree(every[:, :2]), every[:, 2]
@@ -226,39 +229,34 @@ def road_area(network: Network, window: Any) -> Any:
     return shapely.set_precision(whole.simplify(SIMPLER_M), 0.001)
 
 
-def ground(network: Network, window: Any, road: Any, heights: Heights, kerb_m: float, land: str) -> list[Placement]:
-    """Road, pavement and land within a window; the world's origin is the middle of the window.
+def ground(road: Any, heights: Heights, kerb_m: float, land: str) -> list[Placement]:
+    """Road, pavement and land within the window.
 
-    :param window, road: shapely areas in the network's coordinates
+    :param road: shapely area in the network's coordinates
     :param kerb_m: height of the pavement over the road; 0 for none, and no pavement then
     :param land: material of what lies around
     """
     import shapely
 
-    x0, y0, x1, y1 = window.bounds
-    origin = np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.0])
-    polygons = _flat(road, heights, 0.0, "asphalt", origin)
-    surfaces = {"Road_0": polygons}
+    surfaces = {"Road_0": _flat(road, heights, 0.0, "asphalt")}
     outer = road
     if kerb_m:
-        outer = shapely.set_precision(
-            road.buffer(PAVEMENT_M, join_style="mitre", mitre_limit=1.5).intersection(window), 0.001
-        )
+        wide = road.buffer(PAVEMENT_M, join_style="mitre", mitre_limit=1.5)
+        outer = shapely.set_precision(wide.intersection(heights.window), 0.001)
         pavement = shapely.set_precision(outer.difference(road), 0.001)
-        sides = _upright(road, heights, (kerb_m, 0.0), "concrete", origin, window)
-        surfaces["Pavement"] = [*_flat(pavement, heights, kerb_m, "concrete", origin), *sides]
-    edge = "concrete" if kerb_m else "asphalt"
-    surfaces["Edge"] = _upright(outer, heights, (-SKIRT_M, kerb_m), edge, origin, window)
+        sides = _upright(road, heights, (kerb_m, 0.0), "concrete")
+        surfaces["Pavement"] = [*_flat(pavement, heights, kerb_m, "concrete"), *sides]
+    surfaces["Edge"] = _upright(outer, heights, (-SKIRT_M, kerb_m), "concrete" if kerb_m else "asphalt")
+    x0, y0, x1, y1 = heights.window.bounds
     columns, rows = (max(1, round(size / LAND_CELL_M)) for size in (x1 - x0, y1 - y0))
     columns, rows = (1, 1) if heights.level else (columns, rows)
-    grid = np.stack(
-        np.meshgrid(np.linspace(x0, x1, columns + 1), np.linspace(y0, y1, rows + 1), indexing="ij"), axis=-1
-    )
+    lines = np.linspace(x0, x1, columns + 1), np.linspace(y0, y1, rows + 1)
+    grid = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
     below = heights.at(grid.reshape(-1, 2)).reshape(columns + 1, rows + 1) - LAND_BELOW_M
     if not heights.level:
         # Where the land bends between its corners it must not come through the road.
         below -= 2.0 * LAND_BELOW_M
-    corners = np.concatenate([grid, below[..., None]], axis=-1) - origin
+    corners = np.concatenate([grid, below[..., None]], axis=-1) - heights.origin
     cells = []
     for i, j in np.ndindex(columns, rows):
         a, b, c, d = corners[i, j], corners[i + 1, j], corners[i + 1, j + 1], corners[i, j + 1]
@@ -267,7 +265,7 @@ def ground(network: Network, window: Any, road: Any, heights: Heights, kerb_m: f
     return [Placement(f"Ground/{name}", welded(polygons)) for name, polygons in surfaces.items() if polygons]
 
 
-def _flat(area: Any, heights: Heights, above: float, material: str, origin: Real) -> list[Polygon]:
+def _flat(area: Any, heights: Heights, above: float, material: str) -> list[Polygon]:
     """The area as triangles that face up."""
     import shapely
 
@@ -282,13 +280,11 @@ def _flat(area: Any, heights: Heights, above: float, material: str, origin: Real
         if abs(ax * by - ay * bx) < 1e-4:
             continue  # a sliver of 0.5 cm^2 or less
         corners = corners if ax * by - ay * bx > 0.0 else corners[::-1]
-        found.append(Polygon(np.column_stack([corners, heights.at(corners) + above]) - origin, material))
+        found.append(Polygon(np.column_stack([corners, heights.at(corners) + above]) - heights.origin, material))
     return found
 
 
-def _upright(
-    area: Any, heights: Heights, levels: tuple[float, float], material: str, origin: Real, window: Any
-) -> list[Polygon]:
+def _upright(area: Any, heights: Heights, levels: tuple[float, float], material: str) -> list[Polygon]:
     """Upright faces along the outline of an area, but not along the window's; they face to the first level's side.
 
     :param levels: heights over the ground at the outside and at the inside of the area: faces look from the higher side
@@ -297,7 +293,7 @@ def _upright(
     import shapely
 
     found = []
-    border = window.exterior.buffer(0.02)
+    border = heights.window.exterior.buffer(0.02)
     low, high = sorted(levels)
     for part in shapely.get_parts(shapely.segmentize(area, OUTLINE_STEP_M)):
         for ring in (part.exterior, *part.interiors):
@@ -306,12 +302,10 @@ def _upright(
             outwards = (signed > 0.0) == (ring is part.exterior)
             line = line if outwards else line[::-1]  # the area lies to the left
             z = heights.at(line)
-            for (a, za), (b, zb) in zip(
-                zip(line[:-1], z[:-1], strict=True), zip(line[1:], z[1:], strict=True), strict=True
-            ):
+            for (a, za), (b, zb) in pairwise(zip(line, z, strict=True)):
                 if border.contains(shapely.LineString([a, b])):
                     continue
-                corners = np.array([(*a, za + low), (*b, zb + low), (*b, zb + high), (*a, za + high)]) - origin
+                corners = np.array([(*a, za + low), (*b, zb + low), (*b, zb + high), (*a, za + high)]) - heights.origin
                 # As written the face looks to the right of the line, away from the area.
                 corners = corners if levels[1] == high else corners[::-1]
                 found += [Polygon(corners[[0, 1, 2]], material), Polygon(corners[[0, 2, 3]], material)]

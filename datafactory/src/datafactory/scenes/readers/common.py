@@ -33,8 +33,6 @@ MAXIMUM_NESTING = 64
 """Levels of instances within instances."""
 PLAUSIBLE_METRES = (0.1, 50e3)
 """Of a scene's longest side: a tin can, a city."""
-
-
 Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # (x, y, z) -> (x, -z, y)
 FLAT = 1e-12  # twice a triangle's area over its longest edge squared: below this float64 cannot tell it from a line
 WAVELENGTH_M = SPEED_OF_LIGHT / 77e9
@@ -147,18 +145,16 @@ def place_mesh(
     kept = np.asarray(triangles, dtype=np.int64).reshape(-1, 3)
     mirrors = np.linalg.det(matrix[:3, :3]) < 0
     kept = kept[:, ::-1] if mirrors else kept
-    inside = ((kept >= 0) & (kept < len(world))).all(axis=1)
-    notes.count("# triangles with a vertex index out of range dropped", int((~inside).sum()))
-    kept = kept[inside]
-    finite = np.isfinite(world[kept]).all(axis=(1, 2))
-    notes.count("# triangles with a NaN or infinite vertex dropped", int((~finite).sum()))
-    kept = kept[finite]
-    near = (np.abs(world[kept]) <= FARTHEST_M).all(axis=(1, 2))
-    notes.count(f"# triangles with a vertex beyond {FARTHEST_M:g} m dropped", int((~near).sum()))
-    kept = kept[near]
-    solid = _has_area(world[kept])
-    notes.count("# triangles without area dropped", int((~solid).sum()))
-    used, compact = np.unique(kept[solid], return_inverse=True)
+
+    def of_use(good: NDArray[np.bool_], others: str) -> NDArray[np.int64]:
+        notes.count(f"# triangles {others} dropped", int((~good).sum()))
+        return kept[good]
+
+    kept = of_use(np.all((kept >= 0) & (kept < len(world)), axis=1), "with a vertex index out of range")
+    kept = of_use(np.all(np.isfinite(world[kept]), axis=(1, 2)), "with a NaN or infinite vertex")
+    near = np.all(np.abs(world[kept]) <= FARTHEST_M, axis=(1, 2))
+    kept = of_use(near, f"with a vertex beyond {FARTHEST_M:g} m")
+    used, compact = np.unique(of_use(_has_area(world[kept]), "without area"), return_inverse=True)
     return world[used], compact.reshape(-1, 3).astype(np.int32), used
 
 
@@ -167,11 +163,6 @@ def _has_area(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
     doubled_area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
     solid: NDArray[np.bool_] = doubled_area > FLAT * np.square(edges).sum(axis=2).max(axis=1, initial=0.0)
     return solid
-
-
-def phase_error_deg(spacing_m: float) -> float:
-    """Two-way phase error [deg] at 77 GHz of a vertex on a grid of this spacing [m]."""
-    return 360.0 * spacing_m / WAVELENGTH_M
 
 
 def vertex_spacing_m(points: NDArray[np.floating], matrix: NDArray[np.float64]) -> float:
@@ -194,11 +185,12 @@ def note_coarse_vertices(spacings_m: Sequence[float], notes: Notes) -> None:
 
     :param spacings_m: :func:`vertex_spacing_m` of every mesh
     """
-    coarse = [spacing for spacing in spacings_m if phase_error_deg(spacing) > COARSE_DEG]
+    worst_deg = 360.0 * max(spacings_m, default=0.0) / WAVELENGTH_M
+    coarse = [spacing for spacing in spacings_m if 360.0 * spacing / WAVELENGTH_M > COARSE_DEG]
     if coarse:
         notes.count(
             f"# meshes have float32 vertices far from their origin, {max(coarse) * 1e3:.2g} mm apart: phases at 77 GHz "
-            f"are wrong by up to {phase_error_deg(max(coarse)):.0f} deg; hold the offset in a transform or in doubles",
+            f"are wrong by up to {worst_deg:.0f} deg; hold the offset in a transform or in doubles",
             len(coarse),
         )
 

@@ -86,7 +86,8 @@ def read_mesh_file(path: Path) -> Scene:
         spacings.append(vertex_spacing_m(points[id(part)], matrix))
         vertices, triangles, _ = place_mesh(points[id(part)], part.faces, matrix, notes)
         if len(triangles):
-            objects.append(SceneObject(_text(name), vertices, triangles, _material_name(part)))
+            material = getattr(getattr(part.visual, "material", None), "name", None) or ""
+            objects.append(SceneObject(_text(name), vertices, triangles, _text(str(material))))
         else:
             notes.count("# meshes without a usable triangle ignored")
     if objects and suffix not in (".glb", ".gltf"):
@@ -133,12 +134,6 @@ def _in_file_precision(mesh: trimesh.Trimesh, path: Path) -> NDArray[np.floating
         return mesh.vertices
     single = mesh.vertices.astype(np.float32)
     return single if np.array_equal(single, mesh.vertices, equal_nan=True) else mesh.vertices
-
-
-def _material_name(mesh: trimesh.Trimesh) -> str:
-    material = getattr(mesh.visual, "material", None)
-    name = getattr(material, "name", None)
-    return _text(name) if isinstance(name, str) else ""
 
 
 def _text(name: str) -> str:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,10 +35,10 @@ from datafactory.scenes.scene import Scene, SceneObject
 from shared.physics.errors import InputError
 
 ORIGIN = (0.0, 0.0, 0.0)
-
 Mesh = tuple[NDArray[np.floating], NDArray[np.int64]]
-
-
+FIXED: dict[str, Callable[[], Mesh]] = {
+    "rectangle": lambda: common.rectangle(2.0, 2.0), "cube": lambda: common.box(2.0), "disk": lambda: common.disk(1.0),
+}  # fmt: skip
 INCLUDE_DEPTH = 15  # Mitsuba's limit
 LONGEST_VALUE = 100_000
 PARAMETER = re.compile(r"\$(\w+)")
@@ -88,24 +88,17 @@ def _mesh(shape: Shape, known: dict[tuple[str, str], Mesh]) -> Mesh | None:
     :param known: takes meshes that do not depend on the shape's numbers, by plugin and file
     """
     if shape.kind == "sphere":
-        vertices, triangles = common.sphere(shape.number("radius", 1.0))
+        vertices, triangles = common.sphere(shape.radius())
         return vertices + shape.point("center", ORIGIN), triangles
     if shape.kind == "cylinder":
         return _tube(shape)
     file = shape.text("filename") if shape.kind in ("ply", "obj") else ""
     if (shape.kind, file) not in known:
         if file:
-            mesh = load_mesh(shape.path.parent / file, f"{shape.path}, shape {shape.name!r}")
-        elif shape.kind == "rectangle":
-            mesh = common.rectangle(2.0, 2.0)
-        elif shape.kind == "cube":
-            mesh = common.box(2.0)
-        elif shape.kind == "disk":
-            mesh = common.disk(1.0)
-        else:
-            return None
-        known[shape.kind, file] = mesh
-    return known[shape.kind, file]
+            known[shape.kind, file] = load_mesh(shape.path.parent / file, f"{shape.path}, shape {shape.name!r}")
+        elif shape.kind in FIXED:
+            known[shape.kind, file] = FIXED[shape.kind]()
+    return known.get((shape.kind, file))
 
 
 def _tube(shape: Shape) -> common.Mesh:
@@ -114,7 +107,7 @@ def _tube(shape: Shape) -> common.Mesh:
     length = float(np.linalg.norm(p1 - p0))
     if not length > 0:
         raise shape.error(f"p0 = p1 = {p0.tolist()}", "two different points")
-    radius = shape.number("radius", 1.0)
+    radius = shape.radius()
     vertices, triangles = common.cylinder(radius, radius, length, closed=False)
     axis = (p1 - p0) / length
     side = np.cross(np.eye(3)[np.argmin(np.abs(axis))], axis)
@@ -145,47 +138,43 @@ class Shape:
     def error(self, problem: str, expected: str) -> InputError:
         return InputError(self.path, f"shape {self.name!r}: {problem}", expected)
 
-    def number(self, key: str, default: float) -> float:
-        """A positive number."""
-        value = self._value(key, ("float", "integer"), "a positive number")
-        if value is None:
-            return default
-        (number,) = self._numbers(key, value.get("value", ""), 1, "a positive number")
+    def radius(self) -> float:
+        (number,) = self._numbers("radius", ("float", "integer"), (1.0,), "a positive number").tolist()
         if number <= 0:
-            raise self.error(f"{key} = {number:g}", "a positive number")
+            raise self.error(f"radius = {number:g}", "a positive number")
         return float(number)
 
     def point(self, key: str, default: tuple[float, float, float]) -> NDArray[np.float64]:
-        value = self._value(key, ("point", "vector"), "a <point>")
-        if value is None:
-            return np.array(default)
-        text = value.get("value") or " ".join(value.get(axis, "0") for axis in "xyz")
-        return self._numbers(key, text, 3, "three finite numbers")
+        return self._numbers(key, ("point", "vector"), default, "a <point> of three finite numbers")
 
     def flag(self, key: str) -> bool:
-        value = self._value(key, ("boolean",), "true or false")
-        text = "false" if value is None else value.get("value", "").strip().lower()
+        text = self._value(key, ("boolean",), "true or false").get("value", "false").strip().lower()
         if text not in ("true", "false"):
             raise self.error(f"{key} = {text!r}", "true or false")
         return text == "true"
 
     def text(self, key: str) -> str:
-        value = self._value(key, ("string",), "a <string>")
-        if value is None or not value.get("value"):
+        text = self._value(key, ("string",), "a <string>").get("value")
+        if not text:
             raise self.error(f"no {key}", "a <string> with a value")
-        return value["value"]
+        return text
 
-    def _value(self, key: str, tags: tuple[str, ...], expected: str) -> dict[str, str] | None:
-        if key not in self.properties:
-            return None
-        tag, attributes = self.properties[key]
+    def _value(self, key: str, tags: tuple[str, ...], expected: str) -> dict[str, str]:
+        """The attributes of a property; none where it is not there."""
+        tag, attributes = self.properties.get(key, (tags[0], {}))
         if tag not in tags:
             raise self.error(f"{key} = {attributes.get('value', '')!r} is a <{tag}>", expected)
         return attributes
 
-    def _numbers(self, key: str, text: str, size: int, expected: str) -> NDArray[np.float64]:
+    def _numbers(
+        self, key: str, tags: tuple[str, ...], default: tuple[float, ...], expected: str
+    ) -> NDArray[np.float64]:
+        given = self._value(key, tags, expected)
+        if key not in self.properties:
+            return np.array(default)
+        text = given.get("value") or " ".join(given.get(axis, "0") for axis in "xyz")
         numbers = _numbers(text)
-        if numbers is None or len(numbers) != size:
+        if numbers is None or len(numbers) != len(default):
             raise self.error(f"{key} = {text!r}", expected)
         return numbers
 

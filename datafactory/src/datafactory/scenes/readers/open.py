@@ -7,8 +7,9 @@ The files of this package lie in ``datafactory/scenes/shipped``. In a checkout i
 from __future__ import annotations
 
 import importlib.util
-from dataclasses import dataclass
+import os
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,8 +21,6 @@ USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 MITSUBA_SUFFIXES = (".xml",)
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
 KNOWN_SUFFIXES = USD_SUFFIXES + MITSUBA_SUFFIXES + MESH_SUFFIXES
-
-
 SHIPPED_PREFIX = "shipped:"
 SIONNA_PREFIX = "sionna:"
 SHIPPED_FOLDER = Path(__file__).resolve().parents[1] / "shipped"
@@ -53,11 +52,8 @@ def open_scene(source: str, reading: Reading = AS_WRITTEN) -> Scene:
             raise InputError(source, f"unknown scene format {path.suffix!r}", expected)
         if not path.is_file():
             raise InputError(source, "no such file", f"an existing scene file{_meant_file(path)}")
-        try:
-            with path.open("rb"):
-                pass
-        except OSError as error:
-            raise InputError(source, f"cannot be opened ({error.strerror})", "a readable file") from error
+        if not os.access(path, os.R_OK):
+            raise InputError(source, "cannot be opened", "a readable file")
         scene = _read(path, path.stem, reading)
     if not scene.objects and not scene.targets:
         found = f" ({'; '.join(scene.warnings)})" if scene.warnings else ""
@@ -93,8 +89,7 @@ def _meant_file(path: Path) -> str:
     return meant(path.name, (other.name for other in beside if other.suffix.lower() in KNOWN_SUFFIXES))
 
 
-@dataclass(frozen=True)
-class NamedScene:
+class NamedScene(NamedTuple):
     """One scene.
 
     :param name: what ``--scene`` takes
@@ -149,13 +144,10 @@ def named_scenes() -> list[NamedScene]:
     found = []
     for prefix, scenes in ((SHIPPED_PREFIX, shipped_scenes()), (SIONNA_PREFIX, sionna_scenes())):
         for name, file in scenes.items():
-            found.append(NamedScene(f"{prefix}{name}", FORMATS[file.suffix], _bytes(file), _about(file)))
+            meshes = (file.parent / "meshes").glob("*.ply") if file.suffix == ".xml" else ()
+            size = sum(path.stat().st_size for path in (file, *meshes))
+            found.append(NamedScene(f"{prefix}{name}", FORMATS[file.suffix], size, _about(file)))
     return found
-
-
-def _bytes(file: Path) -> int:
-    meshes = sorted((file.parent / "meshes").glob("*.ply")) if file.suffix == ".xml" else []
-    return sum(path.stat().st_size for path in (file, *meshes))
 
 
 def _about(file: Path) -> str:

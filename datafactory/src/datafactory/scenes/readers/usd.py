@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain, Samples
-from datafactory.scenes.motion import Motion, Moving, Vector
+from datafactory.scenes.motion import Motion, Moving, Vector, triple
 from datafactory.scenes.readers.common import (
     AS_WRITTEN,
     MAXIMUM_NESTING,
@@ -29,14 +30,20 @@ from datafactory.scenes.readers.common import (
     vertex_spacing_m,
     with_remarks,
 )
-from datafactory.scenes.readers.usd_facts import FactsOfPrims, has_shape
-from datafactory.scenes.readers.usd_labels import UNLABELLED, Labelling
-from datafactory.scenes.readers.usd_motion import Frame, Transforms, check_motion, instance_frames
+from datafactory.scenes.readers.usd_labels import (
+    UNLABELLED,
+    Labelling,
+    model_axes,
+    occupied_below,
+    prim_model,
+    target_kind,
+)
+from datafactory.scenes.readers.usd_motion import Frame, Transforms, check_motion, instance_frames, source_path
+from datafactory.scenes.readers.usd_prims import PrimShape, has_shape, prim_shape
 from datafactory.scenes.readers.usd_samples import Clock, bake_skinning
 from datafactory.scenes.readers.usd_stage import open_usd_stage, usd_stage_to_world
-from datafactory.scenes.readers.usd_targets import model_axes, occupied_below, prim_model
 from datafactory.scenes.scene import WORLD_AXES, ZERO, PointTarget, Scene, SceneObject
-from datafactory.scenes.usd_library import Tf, Usd, UsdGeom
+from datafactory.scenes.usd_library import Sdf, Tf, Usd, UsdGeom, UsdShade
 from shared.physics.errors import InputError
 from shared.physics.units import FARTHEST_M
 
@@ -118,7 +125,9 @@ class _Reader:
         self._clock = Clock.of(usd_stage, notes)
         self._transforms = Transforms(self._clock, self._to_world, notes)
         self._start = Usd.TimeCode(self._clock.start)
-        self._facts = FactsOfPrims(path, self._clock)
+        # Kept for all instances of a prim, by its path, and by its path and the materials bound above it.
+        self._shapes: dict[Sdf.Path, PrimShape] = {}
+        self._bound_material = cache(_bound_material)
         self._turn = self._to_world[:3, :3] / np.cbrt(np.linalg.det(self._to_world[:3, :3]))
         self._objects: list[SceneObject] = []
         self._targets: list[PointTarget] = []
@@ -144,48 +153,79 @@ class _Reader:
 
     def _visit(self, prim: Usd.Prim, inherited: _Inherited) -> list[tuple[Usd.Prim, _Inherited]]:
         """Read the prim itself; return the prims below it that are to be read, with what they inherit."""
-        facts = self._facts.of(prim)
-        if not facts.visible:
-            self._notes.count("# invisible prims skipped, with everything below them")
-            return []
-        if facts.purpose is not None and facts.purpose != inherited.purpose:
-            inherited = replace(inherited, purpose=facts.purpose)
+        imageable = UsdGeom.Imageable(prim)
+        if imageable:
+            visibility = imageable.GetVisibilityAttr()
+            if visibility.Get(self._start) == UsdGeom.Tokens.invisible:
+                self._notes.count("# invisible prims skipped, with everything below them")
+                return []
+            blinks = visibility.ValueMightBeTimeVarying()
+            self._notes.count("# prims appear or vanish: taken as at the start", int(blinks))
+            if imageable.GetPurposeAttr().HasAuthoredValue():
+                inherited = replace(inherited, purpose=str(imageable.GetPurposeAttr().Get()))
         inherited = self._with_attributes(prim, inherited)
+        class_name = None
+        if prim.HasAttribute("radar:class"):
+            class_name = self._word(prim, "radar:class", "the name of a class, e.g. car")
         straight = inherited.velocity is not None
-        labelling = inherited.labelling.below(prim, facts, inherited.frame, self._transforms, straight)
-        if labelling != inherited.labelling:
-            inherited = replace(inherited, labelling=labelling)
-        self._notes.count("# prims appear or vanish: taken as at the start", int(facts.blinks))
+        labelling = inherited.labelling.below(prim, class_name, inherited.frame, self._transforms, straight)
+        inherited = replace(inherited, labelling=labelling)
+        is_gprim, is_instancer = prim.IsA(UsdGeom.Gprim), prim.IsA(UsdGeom.PointInstancer)
         if inherited.purpose not in (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy):
-            kind = self._facts.kind(prim, inherited.targets_by_name)
-            if kind is not None or facts.has_rcs:
+            kind = target_kind(self._path, prim, self._start, inherited.targets_by_name)
+            if kind is not None or prim.HasAttribute("radar:rcs_dbsm"):
                 self._add_target(prim, inherited, kind)
                 return []
-            if facts.is_instancer:
+            if is_instancer:
                 self._read_instances(UsdGeom.PointInstancer(prim), inherited)
                 return []
-            self._add_geometry(prim, facts.is_gprim, inherited)
-        elif facts.is_gprim or facts.is_instancer:
+            self._add_geometry(prim, is_gprim, inherited)
+        elif is_gprim or is_instancer:
             self._notes.count(f"# prims of purpose {inherited.purpose} skipped")
         return [(child, inherited) for child in prim.GetFilteredChildren(inherited.frame.predicate)]
 
     def _with_attributes(self, prim: Usd.Prim, inherited: _Inherited) -> _Inherited:
-        facts = self._facts.of(prim)
-        if facts.velocity is not None:
-            x, y, z = (float(value) for value in self._turn @ facts.velocity)
-            inherited = replace(inherited, velocity=(x, y, z))
-        if facts.material is not None:
-            inherited = replace(inherited, material=facts.material)
-        if facts.targets_by_name is not None:
-            inherited = replace(inherited, targets_by_name=facts.targets_by_name)
-        return inherited
+        """What holds for a prim and below it, with what the prim itself states.
+
+        :raises InputError: a ``radar:`` attribute without a usable value
+        """
+        stated: dict[str, Any] = {}
+        if prim.HasAttribute("radar:velocity"):
+            velocity = self._numbers(prim, "radar:velocity", 3, "three finite numbers [m/s]")
+            stated["velocity"] = triple(self._turn @ velocity)
+        if prim.HasAttribute("radar:material"):
+            stated["material"] = self._word(prim, "radar:material", "a material name")
+        if prim.HasAttribute("radar:targets_by_name"):
+            by_name = prim.GetAttribute("radar:targets_by_name").Get(self._start)
+            if not isinstance(by_name, bool):
+                raise InputError(self._path, f"{prim.GetPath()}.radar:targets_by_name = {by_name!r}", "true or false")
+            stated["targets_by_name"] = by_name
+        return replace(inherited, **stated) if stated else inherited
+
+    def _numbers(self, prim: Usd.Prim, name: str, size: int, expected: str) -> NDArray[np.float64]:
+        """A custom attribute's value as [size] float64."""
+        value = prim.GetAttribute(name).Get(self._start)
+        try:
+            numbers = np.array(value, dtype=np.float64).reshape(-1)
+        except (TypeError, ValueError):
+            numbers = np.empty(0)
+        if isinstance(value, (str, bool)) or numbers.shape != (size,) or not np.isfinite(numbers).all():
+            raise InputError(self._path, f"{prim.GetPath()}.{name} = {value!r}", expected)
+        return numbers
+
+    def _word(self, prim: Usd.Prim, name: str, expected: str) -> str:
+        """A custom attribute's value as text."""
+        value = prim.GetAttribute(name).Get(self._start)
+        if not isinstance(value, str) or not value:
+            raise InputError(self._path, f"{prim.GetPath()}.{name} = {value!r}", expected)
+        return value
 
     def _add_target(self, prim: Usd.Prim, inherited: _Inherited, kind: str | None) -> None:
         model, occupied = None, None
         matrix, motion = self._placing(prim, inherited)
         turned = model_axes(matrix[:3, :3], self._turn)
         if kind is None:
-            rcs_dbsm = float(self._facts.numbers(prim, "radar:rcs_dbsm", 1, "a finite number [dBsm]")[0])
+            rcs_dbsm = float(self._numbers(prim, "radar:rcs_dbsm", 1, "a finite number [dBsm]")[0])
         else:
             model = prim_model(self._path, prim, self._start, kind)
             rcs_dbsm = model.nominal_rcs_dbsm
@@ -275,8 +315,10 @@ class _Reader:
 
     def _add_shape(self, prim: Usd.Prim, inherited: _Inherited) -> None:
         """One object for the prim, or one for each of its material subsets and one for the rest."""
-        shared = prim.IsInstanceProxy() or not inherited.frame.root.IsPseudoRoot()
-        shape = self._facts.shape(prim, shared)
+        path = source_path(prim)
+        shape = self._shapes.get(path) or prim_shape(prim, self._clock)
+        if prim.IsInstanceProxy() or not inherited.frame.root.IsPseudoRoot():
+            self._shapes[path] = shape
         self._notes.repeat(shape.notes)
         if not shape.parts:
             return
@@ -306,6 +348,14 @@ class _Reader:
     def _material(self, prim: Usd.Prim, inherited: _Inherited) -> str:
         if inherited.material is not None:
             return inherited.material
-        material, leads_nowhere = self._facts.bound_material(prim)
+        material, leads_nowhere = self._bound_material(prim)
         self._notes.count("# material bindings lead to no material", int(leads_nowhere))
         return material
+
+
+def _bound_material(prim: Usd.Prim) -> tuple[str, bool]:
+    """Name of the material bound to a prim, "" without one, and whether a binding leads to no material."""
+    binding = UsdShade.MaterialBindingAPI(prim)
+    bound, _ = binding.ComputeBoundMaterial()
+    leads_nowhere = not bound and bool(binding.GetDirectBindingRel().GetTargets())
+    return str(bound.GetPrim().GetName()) if bound else "", leads_nowhere

@@ -9,7 +9,7 @@ them. Time 0 is the USD stage's start, and seconds are time codes over timeCodes
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from datafactory.scenes.chain import Chain, Factor, Operation, Samples
 from datafactory.scenes.motion import Motion, Moving, Track, looked_at
 from datafactory.scenes.readers.common import Notes
-from datafactory.scenes.readers.usd_facts import source_path
 from datafactory.scenes.readers.usd_prims import whole_numbers
 from datafactory.scenes.readers.usd_samples import Clock, attribute_samples, numbers_of
 from datafactory.scenes.usd_library import Sdf, Usd, UsdGeom
@@ -151,12 +150,13 @@ class Transforms:
 
     def _operation(self, op: UsdGeom.XformOp) -> Factor:
         """One operation of a transform: a matrix where it has no samples."""
-        samples = self.samples(op.GetAttr())
+        samples = attribute_samples(op.GetAttr(), self.clock, self.notes)
         if samples is None or not samples.varies:
             return columns(op.GetOpTransform(Usd.TimeCode(self.clock.start)))
         kind = op.GetOpName().split("xformOp:", 1)[1].split(":")[0]
         values = samples.values
-        if values[0].size != _numbers_in(kind):  # USD would not have it either
+        size = 1 if kind in _ALONG else _SIZES.get(kind, 3)
+        if values[0].size != size:  # USD would not have it either
             return columns(op.GetOpTransform(Usd.TimeCode(self.clock.start)))
         if kind in _ALONG:  # one coordinate of a translation or a scale
             whole, axis = _ALONG[kind]
@@ -174,24 +174,15 @@ class Transforms:
             return Operation("rotate", Samples(samples.times, angles), axes, op.IsInverseOp())
         return Operation(kind, samples, inverse=op.IsInverseOp())
 
-    def samples(self, attribute: Usd.Attribute) -> Samples | None:
-        """All samples of an attribute as float64 [K, n], at seconds; None without any."""
-        return attribute_samples(attribute, self.clock, self.notes)
-
 
 _ALONG = {f"{whole}{axis}": (whole, n) for whole in ("translate", "scale") for n, axis in enumerate("XYZ")}
-_SIZES = {"translate": 3, "scale": 3, "orient": 4, "transform": 16}
-
-
-def _numbers_in(kind: str) -> int:
-    """Numbers in a value of one of USD's kinds of operation."""
-    single = kind[:-1] in ("translate", "scale", "rotate") and kind not in _SIZES
-    return 1 if single else _SIZES.get(kind, 3)
+_SIZES = {"rotateX": 1, "rotateY": 1, "rotateZ": 1, "orient": 4, "transform": 16}
+"""Numbers in a value of an operation, where they are not three."""
 
 
 def instance_frames(
     instancer: UsdGeom.PointInstancer, frame: Frame, transforms: Transforms, predicate: Usd._PrimFlagsPredicate
-) -> Iterator[tuple[Frame, int]]:
+) -> list[tuple[Frame, int]]:
     """One frame for each visible instance, in the order of the instancer's arrays, and how many have its prototype.
 
     :raises ValueError: the arrays contradict one another, or a prototype is missing
@@ -203,7 +194,7 @@ def instance_frames(
     if not all(prototypes):
         raise ValueError("a target of 'prototypes' does not exist")
     if not len(chosen):
-        return iter(())
+        return []
     if not (chosen.min() >= 0 and chosen.max() < len(prototypes)):
         raise ValueError(f"protoIndices run from {chosen.min()} to {chosen.max()} with {len(prototypes)} prototypes")
     shown = np.flatnonzero(instancer.ComputeMaskAtTime(start) or [True] * len(chosen)).tolist()
@@ -219,15 +210,14 @@ def instance_frames(
     chain_of = _instance_chains(instancer, frame, transforms, prototypes, len(chosen))
     name = frame.name(prim)
     repeats = Counter(chosen[shown].tolist())
-
-    def frames() -> Iterator[tuple[Frame, int]]:
-        for index in shown:
-            prototype = int(chosen[index])
-            chain = chain_of(index, prototype)
-            matrix = world @ columns(local[index]) if chain is None else chain.at(0.0)[0]
-            yield Frame(prototypes[prototype], f"{name}[{index}]", matrix, chain, predicate), repeats[prototype]
-
-    return frames()
+    frames = []
+    for index in shown:
+        prototype = int(chosen[index])
+        chain = chain_of(index, prototype)
+        matrix = world @ columns(local[index]) if chain is None else chain.at(0.0)[0]
+        frame = Frame(prototypes[prototype], f"{name}[{index}]", matrix, chain, predicate)
+        frames.append((frame, repeats[prototype]))
+    return frames
 
 
 def _instance_chains(
@@ -246,10 +236,12 @@ def _instance_chains(
     for kind, attribute in (
         ("translate", instancer.GetPositionsAttr()), ("orient", orientations), ("scale", instancer.GetScalesAttr())
     ):  # fmt: skip
-        samples = transforms.samples(attribute) if attribute.ValueMightBeTimeVarying() else None
+        samples = None
+        if attribute.ValueMightBeTimeVarying():
+            samples = attribute_samples(attribute, transforms.clock, transforms.notes)
         if samples is None:
             value = numbers_of(attribute.Get(start))
-            samples = None if value is None else Samples.constant(value)
+            samples = None if value is None else Samples(np.zeros(1), np.asarray(value, dtype=np.float64)[None])
         else:
             moves |= samples.varies
         if samples is None or samples.values.ndim != 3 or samples.values.shape[1] < count:
@@ -266,6 +258,11 @@ def _instance_chains(
         return start_at.then(*steps, *transforms.factors(prototypes[prototype]))
 
     return chain
+
+
+def source_path(prim: Usd.Prim) -> Sdf.Path:
+    """The path under which a prim's values are kept: within an instance, that of the prototype's prim."""
+    return (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
 
 
 def columns(matrix: object) -> NDArray[np.float64]:

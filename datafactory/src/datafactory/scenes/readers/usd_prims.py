@@ -1,4 +1,4 @@
-"""The geometry of one USD prim in its own coordinates: polygon meshes and the solids given by parameters.
+"""The shape of one USD prim in its own coordinates: polygon meshes and the solids given by parameters.
 
 A convex polygon is cut into a fan from its first corner. The fan of a concave polygon would cover area outside its
 outline, such as the yard of an L-shaped house. It is cut by clipping ears instead (Meisters, "Polygons have ears",
@@ -11,34 +11,86 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.scenes.chain import Samples
 from datafactory.scenes.readers import common
 from datafactory.scenes.readers.common import Notes
-from datafactory.scenes.readers.usd_samples import is_baked
-from datafactory.scenes.usd_library import Usd, UsdGeom, UsdSkel
+from datafactory.scenes.readers.usd_samples import Clock, is_baked, point_track
+from datafactory.scenes.usd_library import Usd, UsdGeom, UsdShade, UsdSkel
 from shared.physics.errors import InputError
 
 LARGEST = 1e60  # of a solid's size: squares of it, as in areas, are still finite
-
-
 CONVEX_TOLERANCE = 1e-9  # relative to the squared polygon size: float32 corners on a straight edge are not concave
 
 
-@dataclass(frozen=True)
-class PrimMesh:
-    """A prim's triangles in local coordinates and units of the USD stage.
+Cut = tuple[NDArray[np.int64], NDArray[np.int64]]
+"""Triangles [T, 3] by the indices of their vertices, counter-clockwise seen from outside, and the face of each [T]."""
 
-    :param points: [V, 3], in the precision of the file
-    :param triangles: [T, 3] vertex indices, counter-clockwise seen from outside
-    :param faces: [T] the USD face that each triangle was cut from
+
+@dataclass(frozen=True)
+class PrimShape:
+    """The meshes of one prim: one for each of its material subsets, and one for the rest.
+
+    :param points: [P, 3] in local coordinates and units of the USD stage, in the precision of the file
+    :param parts: (name of the subset, "" for the prim itself; its triangles [T, 3]); none without a mesh
+    :param notes: what was left out of the geometry
+    :param track: samples [K, P, 3] of all points; None where they stay as they are
     """
 
     points: NDArray[np.floating]
-    triangles: NDArray[np.int64]
-    faces: NDArray[np.int64]
+    parts: tuple[tuple[str, NDArray[np.int64]], ...]
+    notes: Notes
+    track: Samples | None = None
+
+    @cached_property
+    def probes(self) -> NDArray[np.floating]:
+        """[P, 3] points between which all others lie: where none moves, the corners of the box around them."""
+        if self.track is not None:
+            return self.points
+        finite = self.points[np.isfinite(self.points).all(axis=1)]
+        if not len(finite):
+            return np.zeros((1, 3))
+        return np.array(list(product(*zip(finite.min(axis=0), finite.max(axis=0), strict=True))))
+
+
+def has_shape(prim: Usd.Prim) -> bool:
+    """Whether :func:`prim_shape` can make meshes of a prim."""
+    return prim.IsA(UsdGeom.Mesh) or prim.GetTypeName() in _SOLIDS
+
+
+def prim_shape(prim: Usd.Prim, clock: Clock) -> PrimShape:
+    """The meshes of a Mesh or a solid.
+
+    :raises InputError: a solid's size that is negative or not finite
+    """
+    notes, track, start = Notes(), None, Usd.TimeCode(clock.start)
+    if prim.IsA(UsdGeom.Mesh):
+        mesh = UsdGeom.Mesh(prim)
+        points = np.asarray(mesh.GetPointsAttr().Get(start))
+        cut = _polygons(mesh, points, start, notes)
+        if cut is None:
+            return PrimShape(np.zeros((0, 3)), (), notes)
+        track = point_track(mesh, len(points), clock, notes)
+    else:
+        points, triangles = _solid(prim, start, notes)
+        cut = triangles, np.zeros(len(triangles), dtype=np.int64)
+    triangles, faces = cut
+    if UsdGeom.Gprim(prim).GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
+        triangles = triangles[:, ::-1]
+    parts = []
+    rest = np.ones(len(triangles), dtype=bool)
+    for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
+        chosen = rest & np.isin(faces, whole_numbers(subset.GetIndicesAttr(), start))
+        rest &= ~chosen
+        parts.append((subset.GetPrim().GetName(), triangles[chosen]))
+    if rest.any() or not len(rest):
+        parts.append(("", triangles[rest]))
+    return PrimShape(points, tuple(parts), notes, track)
 
 
 def whole_numbers(attribute: Usd.Attribute, time: Usd.TimeCode) -> NDArray[np.int64]:
@@ -49,23 +101,11 @@ def whole_numbers(attribute: Usd.Attribute, time: Usd.TimeCode) -> NDArray[np.in
     return values.astype(np.int64)
 
 
-def is_solid(prim: Usd.Prim) -> bool:
-    """Whether ``solid_mesh`` can make a mesh of this prim."""
-    return prim.GetTypeName() in _SOLIDS
+def _polygons(mesh: UsdGeom.Mesh, points: NDArray[np.floating], time: Usd.TimeCode, notes: Notes) -> Cut | None:
+    """A UsdGeomMesh's control cage, without its holes; None (and counted) where it has no faces.
 
-
-def size_changes(prim: Usd.Prim) -> bool:
-    """Whether a solid's size has samples."""
-    names, _ = _SOLIDS[str(prim.GetTypeName())]
-    return any(prim.GetAttribute(name).ValueMightBeTimeVarying() for name in names if name != "axis")
-
-
-def polygon_mesh(mesh: UsdGeom.Mesh, time: Usd.TimeCode, notes: Notes) -> PrimMesh | None:
-    """A UsdGeomMesh as triangles: its control cage, without its holes; None (and counted) where it has no faces.
-
-    The winding follows the prim's orientation attribute. What is invalid is left out and counted.
+    What is invalid is left out and counted.
     """
-    points = np.asarray(mesh.GetPointsAttr().Get(time))
     counts = np.asarray(mesh.GetFaceVertexCountsAttr().Get(time))
     indices = np.asarray(mesh.GetFaceVertexIndicesAttr().Get(time))
     if points.dtype == object or counts.dtype == object or indices.dtype == object:  # None: no value in the file
@@ -82,32 +122,25 @@ def polygon_mesh(mesh: UsdGeom.Mesh, time: Usd.TimeCode, notes: Notes) -> PrimMe
         notes.count("# subdivision surfaces taken as their control cage")
     if UsdSkel.BindingAPI(mesh).GetJointIndicesAttr().HasAuthoredValue() and not is_baked(mesh):
         notes.count("# skinned meshes taken in their rest pose")
-    cut = triangulate(points, counts, indices)
-    notes.count("# faces with fewer than three corners or an index out of range dropped", cut.bad_faces)
-    notes.count("# faces whose outline crosses itself cut into a fan", cut.crossing_faces)
-    solid = ~np.isin(cut.faces, whole_numbers(mesh.GetHoleIndicesAttr(), time))
-    return PrimMesh(points, _wound(mesh, cut.triangles[solid]), cut.faces[solid])
+    triangles, faces = triangulate(points, counts, indices, notes)
+    solid = ~np.isin(faces, whole_numbers(mesh.GetHoleIndicesAttr(), time))
+    return triangles[solid], faces[solid]
 
 
-def solid_mesh(prim: Usd.Prim, time: Usd.TimeCode) -> PrimMesh:
-    """A Cube, Sphere, Cylinder, Cone, Capsule or Plane as triangles (see ``primitives`` for the chord error).
-
-    :raises InputError: a size that is negative or not finite
-    """
+def _solid(prim: Usd.Prim, time: Usd.TimeCode, notes: Notes) -> common.Mesh:
+    """A Cube, Sphere, Cylinder, Cone, Capsule or Plane as triangles."""
     names, make = _SOLIDS[str(prim.GetTypeName())]
-    sizes = [_size(prim, name, time) for name in names if name != "axis"]
-    if "axis" in names:
-        axis = _axis(prim)
-        points, triangles = make(axis, *sizes)
-        points = points[:, _EXCHANGE[axis]]
-    else:
-        points, triangles = make(*sizes)
-    return PrimMesh(points, _wound(UsdGeom.Gprim(prim), triangles), np.zeros(len(triangles), dtype=np.int64))
-
-
-def _wound(gprim: UsdGeom.Gprim, triangles: NDArray[np.int64]) -> NDArray[np.int64]:
-    left_handed = gprim.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
-    return triangles[:, ::-1] if left_handed else triangles
+    lengths = [name for name in names if name != "axis"]
+    changes = any(prim.GetAttribute(name).ValueMightBeTimeVarying() for name in lengths)
+    notes.count("# solids change their size: taken as they are at the start", int(changes))
+    sizes = [_size(prim, name, time) for name in lengths]
+    if "axis" not in names:
+        return make(*sizes)
+    axis = str(prim.GetAttribute("axis").Get())
+    if axis not in _EXCHANGE:
+        raise InputError(prim.GetStage().GetRootLayer().identifier, f"{prim.GetPath()}.axis = {axis!r}", "X, Y or Z")
+    points, triangles = make(axis, *sizes)
+    return points[:, _EXCHANGE[axis]], triangles
 
 
 def _size(prim: Usd.Prim, name: str, time: Usd.TimeCode) -> float:
@@ -116,13 +149,6 @@ def _size(prim: Usd.Prim, name: str, time: Usd.TimeCode) -> float:
         source, expected = prim.GetStage().GetRootLayer().identifier, f"a number from 0 to {LARGEST:g}"
         raise InputError(source, f"{prim.GetPath()}.{name} = {value!r}", expected)
     return float(value)
-
-
-def _axis(prim: Usd.Prim) -> str:
-    axis = str(prim.GetAttribute("axis").Get())
-    if axis not in ("X", "Y", "Z"):
-        raise InputError(prim.GetStage().GetRootLayer().identifier, f"{prim.GetPath()}.axis = {axis!r}", "X, Y or Z")
-    return axis
 
 
 def _plane(axis: str, width: float, length: float) -> common.Mesh:
@@ -146,26 +172,12 @@ _EXCHANGE = {"X": [2, 0, 1], "Y": [1, 2, 0], "Z": [0, 1, 2]}
 """Coordinates of a solid along z that turn it to another axis, cyclic: a rotation."""
 
 
-@dataclass(frozen=True)
-class Triangulation:
-    """Triangles of a polygon mesh.
-
-    :param triangles: [T, 3] vertex indices, int64, wound like their polygons
-    :param faces: [T] the polygon that each triangle came from
-    :param bad_faces: polygons left out: fewer than three corners, or a corner that is no vertex
-    :param crossing_faces: polygons whose outline crosses itself, cut into a fan
-    """
-
-    triangles: NDArray[np.int64]
-    faces: NDArray[np.int64]
-    bad_faces: int = 0
-    crossing_faces: int = 0
-
-
 def triangulate(
-    points: NDArray[np.floating], counts: NDArray[np.integer], indices: NDArray[np.integer]
-) -> Triangulation:
-    """Cut a polygon mesh into triangles.
+    points: NDArray[np.floating], counts: NDArray[np.integer], indices: NDArray[np.integer], notes: Notes
+) -> Cut:
+    """Cut a polygon mesh into triangles, wound like their polygons, in the polygons' order.
+
+    Polygons with fewer than three corners, or with a corner that is no vertex, are left out and counted.
 
     :param points: [V, 3] vertices, any unit
     :param counts: [F] corners of each polygon, not negative
@@ -174,30 +186,26 @@ def triangulate(
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)
     out_of_range = np.concatenate([[0], np.cumsum((indices < 0) | (indices >= len(points)))])
     bad = (counts < 3) | (out_of_range[starts + counts] > out_of_range[starts])
-    corners: list[NDArray[np.int64]] = []
-    faces: list[NDArray[np.int64]] = []
-    crossing = 0
+    notes.count("# faces with fewer than three corners or an index out of range dropped", int(bad.sum()))
+    corners, faces = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)]
     for size in np.unique(counts[~bad]):
         chosen = np.flatnonzero(~bad & (counts == size))
         polygons = indices[starts[chosen][:, None] + np.arange(size)].astype(np.int64)
         concave = _concave(points[polygons].astype(np.float64))
-        fans, owners = _fan(polygons[~concave]), np.repeat(chosen[~concave], size - 2)
-        corners.append(fans)
-        faces.append(owners)
+        corners.append(_fan(polygons[~concave]))
+        faces.append(np.repeat(chosen[~concave], size - 2))
         for face, polygon in zip(chosen[concave], polygons[concave], strict=True):
             ears = _clip_ears(_in_own_plane(points[polygon].astype(np.float64)))
             if ears is None:
-                crossing += 1
+                notes.count("# faces whose outline crosses itself cut into a fan")
                 cut = _fan(polygon[None])
             else:
                 cut = polygon[np.array(ears, dtype=np.int64).reshape(-1, 3)]
             corners.append(cut)
             faces.append(np.full(len(cut), face))
-    if not corners:
-        return Triangulation(np.empty((0, 3), np.int64), np.empty(0, np.int64), int(bad.sum()))
     owner = np.concatenate(faces)
     order = np.argsort(owner, kind="stable")  # back to the order of the file
-    return Triangulation(np.concatenate(corners)[order], owner[order], int(bad.sum()), crossing)
+    return np.concatenate(corners)[order], owner[order]
 
 
 def _fan(polygons: NDArray[np.int64]) -> NDArray[np.int64]:

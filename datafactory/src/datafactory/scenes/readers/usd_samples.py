@@ -59,10 +59,10 @@ class Clock:
         """Seconds since the start."""
         return (code - self.start) / self.codes_per_second
 
-    def saw(self, first_s: float, last_s: float) -> None:
-        """Take note of an animation's first and last sample."""
+    def saw(self, times_s: list[float]) -> None:
+        """Take note of an animation's samples."""
         end_s = np.inf if self.end is None else self.seconds(self.end)
-        self._outside += int(first_s < 0.0 or last_s > end_s)
+        self._outside += int(times_s[0] < 0.0 or times_s[-1] > end_s)
 
     def note_outside(self, notes: Notes) -> None:
         """Say how many animations have samples outside of the stated range."""
@@ -99,7 +99,7 @@ def attribute_samples(attribute: Usd.Attribute, clock: Clock, notes: Notes) -> S
     if any(value.shape != values[0].shape for value in values):
         notes.count("# animated attributes change their size: taken as they are at the start")
         return None
-    clock.saw(times[0], times[-1])
+    clock.saw(times)
     return Samples(np.array(times), np.stack(values))
 
 
@@ -117,7 +117,7 @@ def _of_spline(spline: Any, clock: Clock, notes: Notes) -> Samples | None:
         codes += [high, high]
         values += [float(spline.EvalPreValue(high)), float(spline.Eval(high))]
     times = [clock.seconds(code) for code in codes]
-    clock.saw(times[0], times[-1])
+    clock.saw(times)
     return Samples(np.array(times), np.array(values)[:, None])
 
 
@@ -187,16 +187,13 @@ def is_baked(mesh: UsdGeom.Mesh) -> bool:
 
 
 def _instances_with_skeletons(usd_stage: Usd.Stage) -> list[Usd.Prim]:
-    """The native instances, within no other, that have a skeleton in them and can be sampled."""
+    """The native instances, within no other, that have a skeleton in them."""
     found = []
     for prototype in usd_stage.GetPrototypes():
-        instances = [prim for prim in prototype.GetInstances() if not prim.IsInPrototype()]
-        sizes = [_sampled(prim) for prim in Usd.PrimRange(prototype) if prim.IsA(UsdSkel.Root)]
-        if not sizes:  # the root of a prototype has no type: it may be the skeleton's root in each instance
-            instances = [prim for prim in instances if prim.IsA(UsdSkel.Root)]
-            sizes = [_sampled(prototype)]
-        if sum(sizes) * len(instances) <= MAXIMUM_SAMPLED:
-            found += instances
+        within = any(prim.IsA(UsdSkel.Root) for prim in Usd.PrimRange(prototype))
+        # The root of a prototype has no type: it may be the skeleton's root in each instance.
+        instances = [prim for prim in prototype.GetInstances() if within or prim.IsA(UsdSkel.Root)]
+        found += [prim for prim in instances if not prim.IsInPrototype()]
     return found
 
 

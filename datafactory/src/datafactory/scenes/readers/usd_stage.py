@@ -21,14 +21,9 @@ from shared.physics.errors import InputError
 
 UP_TO_Z_UP = {"X": np.eye(3)[[1, 2, 0]], "Y": Y_UP_TO_Z_UP, "Z": np.eye(3)}
 """Rotations to z up. X up is no value that USD defines, but older exporters wrote it: (x, y, z) becomes (y, z, x)."""
-
-
 LEFT_OUT = (
-    Pcp.ErrorInvalidAssetPath,
-    Pcp.ErrorInvalidSublayerPath,
-    Pcp.ErrorMutedAssetPath,
-    Pcp.ErrorUnresolvedPrimPath,
-)
+    Pcp.ErrorInvalidAssetPath, Pcp.ErrorInvalidSublayerPath, Pcp.ErrorMutedAssetPath, Pcp.ErrorUnresolvedPrimPath,
+)  # fmt: skip
 """Composition errors that leave out a part of the scene."""
 MATERIAL_SUFFIXES = frozenset([
     ".mtlx", ".mdl", ".osl", ".oso", ".glslfx",
@@ -57,9 +52,8 @@ def open_usd_stage(path: Path, notes: Notes, reading: Reading = AS_WRITTEN) -> U
         more = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
         raise InputError(path, f"{missing[0]}{more}", "every layer in its place, or --allow-missing to go on without")
     if missing:
-        notes.count(
-            f"# references to geometry cannot be opened and are left out, the first: {missing[0]}", len(missing)
-        )
+        what = "# references to geometry cannot be opened and are left out"
+        notes.count(f"{what}, the first: {missing[0]}", len(missing))
     errors = [error for error in errors if not isinstance(error, LEFT_OUT)]
     # The name of an anonymous layer is its address in memory, which differs from run to run.
     errors.sort(key=str)
@@ -113,11 +107,11 @@ def _differing(
     sets = prim.GetVariantSets()
     for name in sets.GetNames():
         known[name].update(sets.GetVariantSet(name).GetVariantNames())
-    wanted = [(name, variant) for name, variant in variants if sets.HasVariantSet(name)]
     return [
         (name, variant)
-        for name, variant in wanted
-        if variant in sets.GetVariantSet(name).GetVariantNames()
+        for name, variant in variants
+        if sets.HasVariantSet(name)
+        and variant in sets.GetVariantSet(name).GetVariantNames()
         and sets.GetVariantSet(name).GetVariantSelection() != variant
     ]
 
@@ -170,7 +164,13 @@ def note_missing(usd_stage: Usd.Stage, errors: list[Pcp.ErrorBase], notes: Notes
     lost = [error for error in errors if isinstance(error, LEFT_OUT)]
     if not lost:
         return []
-    bound = _bound_paths(usd_stage)
+    bound = {  # paths that material bindings lead to
+        target
+        for prim in usd_stage.Traverse()
+        for relationship in prim.GetRelationships()
+        if relationship.GetName().startswith(BINDINGS)
+        for target in relationship.GetTargets()
+    }
     materials, geometry = set[str](), set[str]()
     for error in lost:
         sentence = " ".join(str(error).split()).rstrip(".")
@@ -186,17 +186,6 @@ def _asset(sentence: str) -> str:
     """The file that a composition error is about."""
     found = re.search(r"@([^@]*)@", sentence)
     return PurePosixPath(found.group(1)).name if found else ""
-
-
-def _bound_paths(usd_stage: Usd.Stage) -> set[Sdf.Path]:
-    """Paths that material bindings lead to."""
-    return {
-        target
-        for prim in usd_stage.Traverse()
-        for relationship in prim.GetRelationships()
-        if relationship.GetName().startswith(BINDINGS)
-        for target in relationship.GetTargets()
-    }
 
 
 def _is_material(usd_stage: Usd.Stage, error: Pcp.ErrorBase, sentence: str, bound: set[Sdf.Path]) -> bool:

@@ -94,8 +94,8 @@ def joints(phase: float, relative_speed: float, stature_m: float) -> dict[str, C
     gait = _Gait(rv)
     spine = gait.spine(phase) + np.array([0.0, 0.0, (LEG + ANKLE) * h])
     # Of the body, in the order in which the source turns it: thorax about z, back about y; pelvis about z, then x.
-    upper = _turn_left(-gait.bend("thorax", phase)) @ _swing_forward(gait.lean(phase))
-    lower = _turn_left(gait.torsion(phase)) @ _left_up(gait.drop(phase))
+    upper = _turn(2, -gait.bend("thorax", phase)) @ _swing_forward(gait.lean(phase))
+    lower = _turn(2, gait.torsion(phase)) @ _turn(0, gait.drop(phase))
     found = {"spine": spine, "neck": spine + upper @ _up(TORSO * h)}
     found["chin"] = spine + upper @ _up((TORSO + NECK) * h)
     found["crown"] = spine + upper @ _up((TORSO + NECK + HEAD) * h)
@@ -261,19 +261,15 @@ def _up(length: float) -> Real:
     return np.array([0.0, 0.0, length])
 
 
+def _turn(axis: int, angle: complex) -> Complex:
+    """Right-handed rotation about x, y or z: of x it lifts the left, of z it turns ahead to the left."""
+    matrix = np.eye(3, dtype=np.complex128)
+    one, two = (axis + 1) % 3, (axis + 2) % 3
+    matrix[one, one] = matrix[two, two] = np.cos(angle)
+    matrix[two, one], matrix[one, two] = np.sin(angle), -np.sin(angle)
+    return matrix
+
+
 def _swing_forward(angle: complex) -> Complex:
     """Rotation about y that swings what hangs forward."""
-    cosine, sine = np.cos(angle), np.sin(angle)
-    return np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
-
-
-def _turn_left(angle: complex) -> Complex:
-    """Rotation about z, x towards y."""
-    cosine, sine = np.cos(angle), np.sin(angle)
-    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _left_up(angle: complex) -> Complex:
-    """Rotation about x, y towards z."""
-    cosine, sine = np.cos(angle), np.sin(angle)
-    return np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
+    return _turn(1, -angle)

@@ -9,15 +9,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.scenes.ground import Ground
+from datafactory.scenes.motion import Track
 from datafactory.scenes.readers.open import open_scene
-from datafactory.scenes.traffic.stretches import FURNITURE_M, Course, Layout, Line, Stretch, layout_of, spaced, tilted
+from datafactory.scenes.scene import SceneObject
+from datafactory.scenes.things import Strip
+from datafactory.scenes.traffic.stretches import (
+    FURNITURE_M,
+    Course,
+    Layout,
+    Line,
+    Stretch,
+    layout_of,
+    plane_under,
+    spaced,
+    tilted,
+)
 from shared.physics.errors import InputError, meant
 
 LARGEST_COUNT = 2000
@@ -26,7 +38,6 @@ LARGEST_DENSITY = 100.0
 """One a metre: more than has room of any kind."""
 PER_100_M = "/100m"
 """Behind the number of a density."""
-Real = NDArray[np.float64]
 CARS = ("saloon", "hatchback", "suv", "van")
 CAR_SHARES = (0.35, 0.35, 0.2, 0.1)
 POLES = ("lamp", "traffic_light", "bollard")
@@ -48,50 +59,36 @@ UNEVEN_M = 0.08
 """How far the ground may be off the plane that something stands on."""
 
 
+COUNTED = ("cars", "trucks", "buses", "cyclists", "pedestrians", "poles", "signs", "bins", "benches")
+KINDS = (*COUNTED, "parked")
+
+
 @dataclass(frozen=True)
 class Asked:
     """How much of what a scene is to be populated with.
 
-    :param cars, trucks, buses: that drive
-    :param cyclists, pedestrians: that ride and walk
-    :param poles: lamps, traffic lights and bollards; :param signs: of traffic
-    :param bins, benches: on the pavement
+    :param counts: by kind: cars, trucks and buses that drive, cyclists, pedestrians that walk, poles (lamps, traffic
+        lights and bollards), signs of traffic, bins and benches; without those that were not asked for
     :param parked: share of the kerbs along the populated roads that parked cars take, 0 to 1
-    :param densities: (kind, number a hundred metres of populated road), instead of a number
+    :param densities: by kind, a hundred metres of populated road, instead of a number
     """
 
-    cars: int = 0
-    trucks: int = 0
-    buses: int = 0
-    cyclists: int = 0
-    pedestrians: int = 0
-    poles: int = 0
-    signs: int = 0
-    bins: int = 0
-    benches: int = 0
+    counts: dict[str, int]
     parked: float = 0.0
-    densities: tuple[tuple[str, float], ...] = ()
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Numbers by kind, without those that were not asked for."""
-        return {kind: getattr(self, kind) for kind in COUNTED if getattr(self, kind)}
+    densities: dict[str, float] = field(default_factory=dict)
 
     def along(self, road_m: float) -> Asked:
         """With numbers in place of densities, for so much road [m]."""
-        numbers = {kind: min(round(density * road_m / 100.0), LARGEST_COUNT) for kind, density in self.densities}
-        return replace(self, densities=(), **numbers)
+        numbers = {kind: min(round(each * road_m / 100.0), LARGEST_COUNT) for kind, each in self.densities.items()}
+        counts = self.counts | numbers
+        return Asked({kind: counts[kind] for kind in COUNTED if counts.get(kind)}, self.parked)
 
     @property
     def text(self) -> str:
         """As ``--populate`` takes it."""
-        said = {kind: f"{getattr(self, kind):g}" for kind in KINDS if getattr(self, kind)}
-        said |= {kind: f"{density:g}{PER_100_M}" for kind, density in self.densities}
+        said = {kind: f"{count:g}" for kind, count in (*self.counts.items(), ("parked", self.parked)) if count}
+        said |= {kind: f"{density:g}{PER_100_M}" for kind, density in self.densities.items()}
         return ",".join(f"{kind}={said[kind]}" for kind in KINDS if kind in said)
-
-
-KINDS = tuple(item.name for item in fields(Asked) if item.name != "densities")
-COUNTED = tuple(kind for kind in KINDS if kind != "parked")
 
 
 def parse_populate(text: str) -> Asked:
@@ -109,38 +106,26 @@ def parse_populate(text: str) -> Asked:
             raise InputError("--populate", f"{kind} is given twice", "each kind once")
         if not equals:
             raise InputError("--populate", f"{kind} without a number", f"{kind}=NUMBER")
-        if kind in COUNTED and value.endswith(PER_100_M):
-            densities[kind] = _density(kind, value)
+        if kind == "parked":
+            found[kind] = _number(kind, value, 1.0, "a share of the kerb from 0 to 1")
+        elif value.endswith(PER_100_M):
+            expected = f"from 0 to {LARGEST_DENSITY:g} a hundred metres of road, as {kind}=4{PER_100_M}"
+            densities[kind] = _number(kind, value, LARGEST_DENSITY, expected)
         else:
-            found[kind] = _share(value) if kind == "parked" else _count(kind, value)
-    return Asked(**found, densities=tuple(densities.items()))  # type: ignore[arg-type]
+            found[kind] = _number(kind, value, LARGEST_COUNT, f"a whole number from 0 to {LARGEST_COUNT}", whole=True)
+    counts = {kind: int(found[kind]) for kind in COUNTED if found.get(kind)}
+    return Asked(counts, found.get("parked", 0.0), densities)
 
 
-def _count(kind: str, value: str) -> int:
-    if not (value.isascii() and value.isdigit() and int(value) <= LARGEST_COUNT):
-        raise InputError("--populate", f"{kind}={value}", f"a whole number from 0 to {LARGEST_COUNT}")
-    return int(value)
-
-
-def _density(kind: str, value: str) -> float:
+def _number(kind: str, value: str, most: float, expected: str, whole: bool = False) -> float:
+    """:raises InputError: no number from 0 to ``most``, or no ``whole`` one"""
     try:
-        density = float(value.removesuffix(PER_100_M))
+        number = float(value.removesuffix(PER_100_M) if kind in COUNTED else value)
     except ValueError:
-        density = math.nan
-    if not 0.0 <= density <= LARGEST_DENSITY:
-        expected = f"from 0 to {LARGEST_DENSITY:g} a hundred metres of road, as {kind}=4{PER_100_M}"
+        number = math.nan
+    if not 0.0 <= number <= most or (whole and not (value.isascii() and value.isdigit())):
         raise InputError("--populate", f"{kind}={value}", expected)
-    return density
-
-
-def _share(value: str) -> float:
-    try:
-        share = float(value)
-    except ValueError:
-        share = -1.0
-    if not 0.0 <= share <= 1.0:
-        raise InputError("--populate", f"parked={value}", "a share of the kerb from 0 to 1")
-    return share
+    return number
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,12 +133,12 @@ class Asset:
     """A thing in its own frame, x ahead, standing at z = 0.
 
     :param label: its class, as its file has it
-    :param parts: of each mesh a name, its vertices [V, 3] [m], triangles [T, 3] and material
+    :param parts: its meshes
     :param foot: length and width of what of it stands below ``REACH_M``, about the origin [m]
     """
 
     label: str
-    parts: tuple[tuple[str, Real, NDArray[np.int32], str], ...]
+    parts: tuple[SceneObject, ...]
     foot: tuple[float, float]
 
 
@@ -161,10 +146,8 @@ class Asset:
 def asset(name: str) -> Asset:
     """The asset in ``scenes/assets/NAME.usda``."""
     scene = open_scene(f"shipped:assets/{name}")
-    parts = tuple(
-        (item.name.rpartition("/")[2].lower(), item.vertices, item.triangles, item.material) for item in scene.objects
-    )
-    points = np.concatenate([vertices for _, vertices, _, _ in parts])
+    parts = tuple(replace(item, name=item.name.rpartition("/")[2].lower()) for item in scene.objects)
+    points = np.concatenate([item.vertices for item in parts])
     low = points[points[:, 2] <= REACH_M]
     half = np.abs(low[:, :2]).max(axis=0)
     label = next(item.label.class_name for item in scene.objects if item.label is not None)
@@ -188,15 +171,19 @@ class Arranged:
     course: tuple[Course, float] | None = None
     stature_m: float = 0.0
 
+    def motion(self) -> Track | None:
+        return None if self.course is None else self.course[0].track(self.course[1])
+
 
 def arrange(stretches: Sequence[Stretch], ground: Ground, asked: Asked, rng: np.random.Generator) -> list[Arranged]:
     """Places of what was asked for, as much of it as there is room for."""
     layouts = [layout_of(stretch.strip.half_width_m, asked.parked > 0.0, rng) for stretch in stretches]
     roads = list(zip(stretches, layouts, strict=True))
-    vehicles = ["cars"] * asked.cars + ["trucks"] * asked.trucks + ["buses"] * asked.buses
+    wanted = {kind: [kind] * asked.counts.get(kind, 0) for kind in COUNTED}
+    vehicles = [*wanted["cars"], *wanted["trucks"], *wanted["buses"]]
     placements = list(_streams(roads, [vehicles[n] for n in rng.permutation(len(vehicles))], "lanes", rng))
-    placements += _streams(roads, ["cyclists"] * asked.cyclists, "cycling", rng)
-    placements += _streams(roads, ["pedestrians"] * asked.pedestrians, "walking", rng)
+    placements += _streams(roads, wanted["cyclists"], "cycling", rng)
+    placements += _streams(roads, wanted["pedestrians"], "walking", rng)
     placements += _parked(roads, ground, asked.parked, rng)
     placements += _furniture(roads, ground, asked, rng)
     return placements
@@ -271,7 +258,7 @@ def _furniture(
     free = [spots[n] for n in rng.permutation(len(spots))]
     for kind in ("poles", "signs", "bins", "benches"):
         found = 0
-        while found < getattr(asked, kind) and free:
+        while found < asked.counts.get(kind, 0) and free:
             number, side, along = free.pop()
             stretch, layout = roads[number]
             what, turn = _piece(kind, side, rng)
@@ -300,15 +287,10 @@ def standing(
     x, y, _ = stretch.point(along, left).tolist()
     heading = stretch.strip.heading_rad + turn_rad
     foot = asset(what).foot
-    span = 0.5 * np.maximum(foot, ground.cell_m)
-    ahead, aside = (axis.ravel() for axis in np.meshgrid(*(np.linspace(-half, half, 3) for half in span)))
-    cosine, sine = np.cos(heading), np.sin(heading)
-    z = ground.heights_at(x + cosine * ahead - sine * aside, y + sine * ahead + cosine * aside)
-    if not np.isfinite(z).all():
+    length, width = np.maximum(foot, ground.cell_m).tolist()
+    plane = plane_under(ground, Strip((x, y), heading, length, 0.5 * width), (3, 3), UNEVEN_M)
+    if plane is None:
         return None
-    plane = np.linalg.lstsq(np.stack([np.ones_like(ahead), ahead, aside], axis=1), z, rcond=None)[0]
-    if np.abs(plane[0] + plane[1] * ahead + plane[2] * aside - z).max() > UNEVEN_M:
-        return None
+    level, rise, tilt = plane
     upright = max(foot) < 1.0  # a post stands plumb on a slope
-    axes = tilted(heading, 0.0, 0.0) if upright else tilted(heading, float(plane[1]), float(plane[2]))
-    return Arranged(kind, what, (x, y, float(plane[0])), axes)
+    return Arranged(kind, what, (x, y, level), tilted(heading, 0.0, 0.0) if upright else tilted(heading, rise, tilt))

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from hashlib import sha256
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.scenes.boxes import Movers
 from datafactory.scenes.chain import Chain
 from datafactory.scenes.ground import Ground, free_ground
-from datafactory.scenes.motion import Track, triple
+from datafactory.scenes.motion import triple
+from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
-from datafactory.scenes.targets.models import RcsModel
-from datafactory.scenes.targets.road_users import Cyclist, Pedestrian
+from datafactory.scenes.targets.models import Cyclist, Pedestrian, RcsModel
 from datafactory.scenes.things import Label, Population, Strip
-from datafactory.scenes.traffic.arrange import Arranged, Asked, arrange, asset
+from datafactory.scenes.traffic.arrange import Arranged, Asked, arrange, asset, parse_populate
 from datafactory.scenes.traffic.stretches import HORIZON_S, find_stretches
 
 Mask = NDArray[np.bool_]
@@ -73,22 +76,29 @@ def populated(scene: Scene, asked: Asked, seed: int) -> Scene:
     )
 
 
+def recorded(entry: Mapping[str, Any], source: str) -> Scene:
+    """The scene of a manifest's entry, populated as it was.
+
+    :param source: where it is now
+    """
+    scene, put_in = open_scene(source), entry.get("population")
+    return scene if put_in is None else populated(scene, parse_populate(put_in["populate"]), put_in["seed"])
+
+
 def _meshes(name: str, placement: Arranged) -> list[SceneObject]:
     """The meshes of an asset in their place."""
-    what, motion = asset(placement.what), _motion(placement)
-    axes, origin = placement.axes, np.array(placement.position)
-    label = _label(name, placement, what.label)
-    return [
-        SceneObject(
-            f"{name}/{part}", vertices @ axes + origin, triangles, material, motion=motion, label=label
-        ).as_it_moves()
-        for part, vertices, triangles, material in what.parts
-    ]
+    what, origin, motion = asset(placement.what), np.array(placement.position), placement.motion()
+    label, found = _label(name, placement, what.label), []
+    for part in what.parts:
+        vertices = part.vertices @ placement.axes + origin
+        moved = replace(part, name=f"{name}/{part.name}", vertices=vertices, motion=motion, label=label)
+        found.append(moved.as_it_moves())
+    return found
 
 
 def _road_user(name: str, placement: Arranged) -> PointTarget:
     """A pedestrian or a cyclist as a target of known cross section."""
-    motion = _motion(placement)
+    motion = placement.motion()
     assert motion is not None
     cyclist = placement.kind == "cyclists"
     model: RcsModel = Cyclist() if cyclist else Pedestrian(placement.stature_m)
@@ -106,31 +116,14 @@ def _label(name: str, placement: Arranged, class_name: str) -> Label:
     return Label(name, Chain((home,)), class_name)
 
 
-def _motion(placement: Arranged) -> Track | None:
-    if placement.course is None:
-        return None
-    course, at_m = placement.course
-    return course.track(at_m)
-
-
 def passed_by(scene: Scene, ground: Ground) -> Mask:
     """[nx, ny] cells that the scene's own traffic comes near to."""
-    marked = np.zeros_like(ground.free)
-    ends, step = PASSING_S
-    items: tuple[SceneObject | PointTarget, ...] = (*scene.objects, *scene.targets)
-    for item in items:
-        if not item.moves:
-            continue
-        for time_s in np.arange(0.0, ends, step):
-            if isinstance(item, SceneObject):
-                vertices = item.at(float(time_s)).vertices[:, :2]
-                low, high = vertices.min(axis=0), vertices.max(axis=0)
-            else:
-                low = high = np.array(item.at(float(time_s)).position[:2])
-            (i, k), (j, m) = ground.cell_of(*np.stack([low - 1.5, high + 1.5], axis=1))
-            if k < 0 or m < 0 or i >= marked.shape[0] or j >= marked.shape[1]:
-                continue
-            marked[max(i, 0) : k + 1, max(j, 0) : m + 1] = True
+    movers, marked = Movers(scene), np.zeros_like(ground.free)
+    for time_s in np.arange(0.0, *PASSING_S) if movers else ():
+        for low, high in movers.boxes(float(time_s)):
+            (i, k), (j, m) = ground.cell_of(*np.stack([low[:2] - 1.5, high[:2] + 1.5], axis=1))
+            if k >= 0 and m >= 0:
+                marked[max(i, 0) : k + 1, max(j, 0) : m + 1] = True
     return marked
 
 

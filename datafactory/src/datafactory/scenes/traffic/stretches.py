@@ -17,7 +17,7 @@ its end too. The leap is the one thing that no vehicle does; it happens at the e
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,12 +117,11 @@ def find_stretches(ground: Ground, blocked: Mask, wanted_m: float, rng: np.rando
         return ()
     cells = cells[rng.permutation(len(cells))[:CANDIDATES]]
     found = _candidates(ground, width, cells)
-    order = sorted(range(len(found)), key=lambda n: -found[n][0] * rng.uniform(0.75, 1.0))
+    strips = [strip for _, strip in sorted(found, key=lambda item: -item[0] * rng.uniform(0.75, 1.0))]
     chosen: list[Stretch] = []
     left_over: list[Strip] = []
     lengths = [0.0] * len(SHARES)
-    for number in order:
-        strip = found[number][1]
+    for strip in strips:
         region = _region(ground, strip)
         if region < 0 or lengths[region] >= wanted_m * SHARES[region] / sum(SHARES):
             left_over.append(strip)
@@ -130,12 +129,10 @@ def find_stretches(ground: Ground, blocked: Mask, wanted_m: float, rng: np.rando
             chosen.append(stretch)
             lengths[region] += stretch.strip.length_m
     for strip in left_over:
-        if sum(lengths) >= wanted_m:
+        if sum(item.strip.length_m for item in chosen) >= wanted_m:
             break
-        region = _region(ground, strip)
-        if (stretch := _fitting(ground, strip, region, chosen)) is not None:
+        if (stretch := _fitting(ground, strip, _region(ground, strip), chosen)) is not None:
             chosen.append(stretch)
-            lengths[max(region, 0)] += stretch.strip.length_m
     return tuple(chosen)
 
 
@@ -176,20 +173,32 @@ def _fitting(ground: Ground, strip: Strip, region: int, others: Sequence[Stretch
         return None
     half = min(strip.half_width_m - CLEARANCE_M, 3.0)
     while strip.length_m >= SHORTEST_M:
-        along, left = (axis.ravel() for axis in np.meshgrid(
-            np.linspace(-0.5, 0.5, 41) * strip.length_m, np.linspace(-half, half, 5)
-        ))  # fmt: skip
-        flat = Stretch(strip, (0.0, 0.0, 0.0), region)
-        x, y = np.array([flat.point(a, b)[:2] for a, b in zip(along, left, strict=True)]).T
-        z = ground.heights_at(x, y)
-        if np.isfinite(z).all():
-            base = np.stack([np.ones_like(along), along, left], axis=1)
-            plane = np.linalg.lstsq(base, z, rcond=None)[0]
-            if np.abs(base @ plane - z).max() <= UNEVEN_M:
-                level, rise, tilt = (float(value) for value in plane)
-                return Stretch(strip, (level, rise, tilt), region)
-        strip = Strip(strip.middle, strip.heading_rad, 0.7 * strip.length_m, strip.half_width_m)
+        plane = plane_under(ground, replace(strip, half_width_m=half), (41, 5), UNEVEN_M)
+        if plane is not None:
+            return Stretch(strip, plane, region)
+        strip = replace(strip, length_m=0.7 * strip.length_m)
     return None
+
+
+def plane_under(ground: Ground, strip: Strip, points: tuple[int, int], uneven_m: float) -> Vector | None:
+    """Height [m] of a strip's middle, and the slopes along it and to its left, by least squares.
+
+    :param points: along and across, at which the ground is looked at
+    :param uneven_m: how far it may be off the plane there; None beyond, and where there is no ground
+    """
+    half = 0.5 * strip.length_m, strip.half_width_m
+    along, left = (axis.ravel() for axis in np.meshgrid(*(
+        reach * np.linspace(-1.0, 1.0, count) for reach, count in zip(half, points, strict=True)
+    )))  # fmt: skip
+    cosine, sine = np.cos(strip.heading_rad), np.sin(strip.heading_rad)
+    x, y = strip.middle
+    z = ground.heights_at(x + cosine * along - sine * left, y + sine * along + cosine * left)
+    if not np.isfinite(z).all():
+        return None
+    base = np.stack([np.ones_like(along), along, left], axis=1)
+    plane = np.linalg.lstsq(base, z, rcond=None)[0]
+    level, rise, tilt = plane.tolist()
+    return (level, rise, tilt) if np.abs(base @ plane - z).max() <= uneven_m else None
 
 
 @dataclass(frozen=True)
