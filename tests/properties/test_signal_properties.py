@@ -12,7 +12,6 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from oracles import if_cube
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths
@@ -76,12 +75,6 @@ def same(one: NDArray, other: NDArray, paths: ScatteredPaths) -> bool:
     """Whether two cubes agree to twice the tolerance, of what the paths would be without cancellation."""
     scale = np.linalg.norm(paths.amplitude) * np.sqrt(one.size)
     return bool(np.isfinite(one).all() and np.linalg.norm(one - other) <= 2.0 * TOLERANCE * scale)
-
-
-@settings(max_examples=EXAMPLES)
-@given(radars(), echoes())
-def test_the_cube_is_the_float64_sum(radar: Radar, paths: ScatteredPaths) -> None:
-    assert same(cube_of(paths, radar), if_cube(PathTable(paths), radar), paths)
 
 
 @settings(max_examples=EXAMPLES)

@@ -31,7 +31,7 @@ from datafactory.paths.table import SPECULAR, TARGET
 from datafactory.scenes.materials.table import Material
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, SceneObject
-from datafactory.scenes.targets.models import Car, Pedestrian, Sphere, Trihedral
+from datafactory.scenes.targets.models import Sphere, Trihedral
 from shared.radar import Radar
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -278,17 +278,6 @@ def test_a_models_aspect_is_that_towards_the_bisector() -> None:
     twice = paths.take(paths.depth == 3)
     # Seen from the image of the radar, 0.5 m under the ground, the nearest point of the sphere.
     np.testing.assert_allclose(np.linalg.norm(twice.tx_point), np.hypot(10.0, 1.1) - 0.2, atol=1e-9)
-
-
-def test_many_targets_and_their_points_keep_their_owners() -> None:
-    targets = [
-        PointTarget("car", (15.0, -3.0, 0.0), 11.25, model=Car()),
-        PointTarget("post", (12.0, 1.0, 0.4), 0.0),
-        PointTarget("human", (9.0, 2.0, 0.0), -1.4, model=Pedestrian()),
-    ]
-    paths, table = echoes([ground("asphalt")], targets, Pose((0.0, 0.0, 0.5)))
-    names = np.array(table.objects)[paths.object_index]
-    assert {name: int((names == name).sum()) for name in ("car", "post", "human")} == {"car": 20, "post": 4, "human": 4}
 
 
 def test_points_of_reflection_are_those_of_mirror_images(generator: np.random.Generator) -> None:

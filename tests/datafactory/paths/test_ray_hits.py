@@ -94,17 +94,6 @@ def test_azimuths_are_where_the_law_has_their_share():
     np.testing.assert_allclose(_azimuth_at(share), 0.5 * (low + high), atol=1e-14)
 
 
-@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.37, 0.81)])
-def test_azimuth_has_the_stated_density(offset):
-    x, y, _ = directions_of(RayFan(20_000, offset)).T
-    assert (x > -1e-9).all()
-    azimuth = np.sort(np.arctan2(y, x))
-    share = 0.8 * 0.5 * (np.sin(azimuth) + 1.0) + 0.2 * (azimuth / np.pi + 0.5)
-    np.testing.assert_allclose(
-        share, (np.arange(20_000) + 0.5) / 20_000, atol=4.0 / 20_000
-    )  # discrepancy of the sequence
-
-
 @pytest.mark.parametrize("fan", [RayFan(20_000, (0.37, 0.81), 0.05), RayFan(20_000, beam=0.2), AIMED], ids=str)
 def test_solid_angles_fill_the_front_half_space(fan):
     directions = directions_of(fan)

@@ -129,12 +129,6 @@ def test_virtual_sensor_keeps_its_tolerance(tolerance, video_phase):
     assert relative_error(cube, if_cube(table, radar, radar.virtual_sensor)) <= tolerance
 
 
-def test_more_paths_than_a_chunk(small_radar):
-    radar = small_radar(samples=32, chirps=2)
-    table = random_table(np.random.default_rng(9), 301, 20, (1.0, 30.0), 40.0, 10.0)
-    assert relative_error(cube_of_paths(table, radar), if_cube(table, radar)) <= 1e-6
-
-
 @example(speed=0.0)
 @given(speed=st.sampled_from([1e-300, 1e-30]))
 @settings(max_examples=3)
@@ -173,11 +167,3 @@ def test_a_tolerance_beyond_float64_is_refused(small_radar):
     for tolerance in (1e-12, 0.0, float("nan")):
         with pytest.raises(ValueError, match="expected at least 1e-11"):
             cube_of_paths(table, small_radar(chirps=1), tolerance)
-
-
-def test_an_empty_table_is_a_silent_cube(small_radar):
-    radar = small_radar(chirps=3)
-    table = random_table(np.random.default_rng(1), 0, 0, (1.0, 9.0), 0.0, 0.0)
-    cube = cube_of_paths(table, radar)
-    assert cube.shape == (3, 64, 48)
-    assert not cube.any()

@@ -201,12 +201,6 @@ def test_an_on_grid_target_reads_its_amplitude():
     assert image.max() == pytest.approx(0.5, rel=1e-3)
 
 
-def test_an_empty_table_is_a_dark_image():
-    radar = radar_of(64, 30)
-    empty = PathTable(scattered(np.random.default_rng(1), 0, (1.0, 2.0), 0.0))
-    assert not image_of(empty, radar, np.zeros(30, dtype=np.int64)).any()
-
-
 def test_the_virtual_sensor_has_one_transmitter():
     radar = radar_of(64, 30)
     two = AntennaArray(tx_m=line(np.array([0.0, 0.01])), rx_m=line(np.array([0.0])))

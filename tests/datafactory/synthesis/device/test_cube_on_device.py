@@ -85,13 +85,6 @@ def test_motion_within_the_chirp_is_that_of_the_exact_kernel(device, tolerance):
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
-@pytest.mark.parametrize("chirps", [16, 33])
-def test_default_array_and_odd_frames(device, tolerance, chirps):
-    radar, table = radar_of(65, chirps, Radar().array), a_table(np.random.default_rng(33), 4, 2.0)
-    assert relative_error(cube_on(device, table, radar, tolerance), if_cube(table, radar)) <= tolerance
-
-
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
 def test_a_wide_array_in_blocks_of_rx(device, tolerance):
     sensor = AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=line(np.linspace(-0.25, 0.25, 24)))
     radar, table = radar_of(array=sensor), a_table(np.random.default_rng(34), 6, 2.0)
