@@ -6,24 +6,20 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, mapping, material
 
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import TARGET, PathTable, ScatteredPaths
 from datafactory.paths.trace import trace
-from datafactory.scenes.materials.table import Material, MaterialMapping, load_materials
+from datafactory.scenes.materials.table import Material, load_materials
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 
-FREQUENCY_HZ = 77.5e9
-WAVELENGTH_M = 299_792_458.0 / FREQUENCY_HZ
 ASPHALT = load_materials().materials["asphalt"]
-METAL = Material("mirror", 1.0, 1e7, 0.1, 0.0, "lambertian", "test", (77.0, 78.0), ())
-MATERIALS = MaterialMapping(
-    entries={"mirror": (METAL, "test"), "asphalt": (ASPHALT, "test")},
-    unknown=(),
-)
+METAL = material("mirror", 1.0, 1e7, 0.1)
+MATERIALS = mapping(METAL, ASPHALT)
 
 
 def ground(

@@ -64,7 +64,7 @@ class Case:
         return Deal(scenes=1, poses=(self.pose,)).frame(0)
 
     def toggled(self, name: str) -> EffectSet:
-        return self.planned.without(name) if getattr(self.planned, name) else self.planned.with_also(name)
+        return replace(self.planned, **{name: not getattr(self.planned, name)})
 
     def paths(self, effects: EffectSet, realisation: int = 0) -> PathTable:
         """Illuminated paths with these effects; the same rays for the same ``realisation``."""
@@ -132,7 +132,7 @@ def measured(paths: PathTable, effects: EffectSet) -> Measurement:
     return measure(FrameIdentity(0, "scene", "effects", 0), paths, (), radar_for(paths), processing)
 
 
-@pytest.mark.parametrize("name", EXPECTED)
+@pytest.mark.parametrize("name", ["wall", "empty_field", "parked_car"])
 def test_noise_fills_the_weakest_range_bin(name: str) -> None:
     """Everywhere on: without it, the power in that bin's Doppler cell is another, by more than the budget."""
     now = case(name)

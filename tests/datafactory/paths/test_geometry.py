@@ -8,8 +8,8 @@ from dataclasses import fields
 import numpy as np
 import pytest
 from prepared_scenes import EFFECT_SCENES, prepared_scene
-from rough_plates import FREQUENCY_HZ, merged_of, plate
-from sionna_scenes import box
+from rough_plates import merged_of
+from sionna_scenes import FREQUENCY_HZ, box, plate
 from turning_scenes import turning
 
 from datafactory.paths import geometry as geometry_module

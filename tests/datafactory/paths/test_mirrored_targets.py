@@ -14,7 +14,6 @@ from curved_bodies import tube
 from mirrored_scenes import (
     ASPHALT,
     METAL,
-    WAVELENGTH_M,
     echoes,
     fresnel,
     ground,
@@ -23,7 +22,7 @@ from mirrored_scenes import (
 )
 from numpy.typing import NDArray
 from oracles import mirrored, scattered_delays
-from sionna_scenes import plate
+from sionna_scenes import WAVELENGTH_M, plate
 
 from datafactory.frame.measurement import object_targets
 from datafactory.paths.mirrors import points_of_reflection

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from sionna_scenes import FREQUENCY_HZ, plate, scene_of, sionna_scene
+from sionna_scenes import FREQUENCY_HZ, mapping, material, plate, scene_of, sionna_scene
 
 from datafactory.paths.aim import STRIPS, UNAIMED, aimed
 from datafactory.paths.arrivals import Arrivals
@@ -16,7 +16,6 @@ from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import Bundle, TraceSettings
 from datafactory.paths.thinning import RANGE_CELL_M, U_CELL
 from datafactory.paths.view import View
-from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene, SceneObject
 
@@ -134,8 +133,7 @@ def test_the_density_of_elevations_is_what_the_rays_show(strips):
     np.testing.assert_allclose(counts / 200_000, expected, atol=2e-5)
 
 
-CONCRETE = Material("concrete", 5.24, 1.38, 0.1, 0.6, "lambertian", "test", (77.0, 78.0), ())
-MATERIALS = MaterialMapping(entries={"concrete": (CONCRETE, "test")}, unknown=())
+MATERIALS = mapping(material("concrete", 5.24, 1.38, 0.1, 0.6))
 POSE = Pose((0.0, 0.0, 0.5))
 GROUND = plate("ground", (40.0, 0.0, 0.0), (60.0, 0.0, 0.0), (0.0, 60.0, 0.0), "concrete")
 WALL = plate("wall", (20.0, 0.0, 0.0), (0.0, 60.0, 0.0), (0.0, 0.0, 60.0), "concrete")

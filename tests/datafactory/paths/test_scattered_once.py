@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from rough_plates import CORNER, FREQUENCY_HZ, HERE, ROUGHNESS, WAVELENGTH_M, decibels_of, merged_of, plate
-from sionna_scenes import slabs, view_of
+from rough_plates import CORNER, HERE, ROUGHNESS, decibels_of, merged_of
+from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, plate, slabs, view_of
 from slab_coefficients import slab_transmission
 
 from datafactory.paths import solver as solver_module
