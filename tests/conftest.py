@@ -15,6 +15,8 @@ from jaxtyping import install_import_hook
 from threadpoolctl import threadpool_limits
 
 if TYPE_CHECKING:
+    from s3_server import Server
+
     from shared.radar import Radar
 
 # Numba's threads and PyTorch's are of one OpenMP, and its idle threads spin: where another process held the other core,
@@ -105,6 +107,33 @@ def one_torch_thread() -> None:
 @pytest.fixture(scope="session")
 def small_radar() -> RadarMaker:
     return _small_radar
+
+
+@pytest.fixture(scope="session")
+def radar_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small radar's, for commands."""
+    from small_radar import write_small_radar
+
+    return write_small_radar(tmp_path_factory.mktemp("radar"))
+
+
+@pytest.fixture(scope="session")
+def s3() -> Iterator[Server]:
+    """A server for this process; what a test made fail is mended after it by :func:`server`."""
+    from s3_server import s3_server
+
+    with s3_server() as running:
+        yield running
+
+
+@pytest.fixture
+def server(s3: Server, monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
+    """The store of a test, with its credentials in the environment."""
+    from s3_server import set_credentials
+
+    set_credentials(monkeypatch)
+    yield s3
+    s3.mend()
 
 
 @pytest.fixture(scope="session")
