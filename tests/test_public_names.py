@@ -182,15 +182,3 @@ def test_a_rendering_process_starts_without_what_few_frames_need() -> None:
 @pytest.mark.parametrize("program", ["datafactory", "trainer"])
 def test_a_package_is_a_program(program: str) -> None:
     assert f"Usage: python -m {program}" in told("-m", program, "--help")
-
-
-def test_paths_traced_by_call_are_rendered_by_call(radar_file: Path, tmp_path: Path) -> None:
-    folders = tmp_path / "paths", tmp_path / "again", tmp_path / "once"
-    reports = (
-        datafactory.trace(TINY, folders[0], radar=radar_file, seed=3, frames=1, rays=4000, effects="all"),
-        datafactory.render(None, folders[1], radar=radar_file, seed=3, paths=folders[0], effects="all"),
-        datafactory.render(TINY, folders[2], radar=radar_file, seed=3, frames=1, rays=4000, effects="all"),
-    )
-    assert [report.frames for report in reports] == [1, 1, 1]
-    part = Path("train/part-00000.parquet")
-    assert (folders[1] / part).read_bytes() == (folders[2] / part).read_bytes()
