@@ -50,7 +50,6 @@ LONG = (
     "datafactory/synthesis/test_kept_machine_code.py",
     "examples/",
     "fuzz/",
-    "hardcases/test_hardcases.py::test_hard_case[estimators-line fit on noise",
     "hardcases/test_hardcases.py::test_hard_case[kernels-0.5 m",
     "hardcases/test_hardcases.py::test_hard_case[signals-one",
     "integration/test_array_jobs.py::test_rendered",
