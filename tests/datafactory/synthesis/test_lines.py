@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from oracles import if_cube, relative_error
+from path_tables import random_table
 
-from datafactory.paths.table import SPECULAR, PathTable, ScatteredPaths, SpecularPaths
+from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths, cube_of_sorted
 from datafactory.synthesis.motion import centre, left_out, motion_of, reach_m
 from datafactory.synthesis.sorting import ORDERS, PathsAlongLines, SortedPaths, line_sets, sorted_paths
@@ -25,22 +26,8 @@ def radar_of(samples: int = 128, chirps: int = 128, array: AntennaArray = SMALL,
 
 
 def moving(count: int, speed: float, limits_m: tuple[float, float], seed: int = 1) -> PathTable:
-    """Single bounces around, and moving mirror images."""
-    generator = np.random.default_rng(seed)
-
-    def points(number: int) -> np.ndarray:
-        direction = generator.normal(size=(number, 3))
-        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-        return direction * np.exp(generator.uniform(np.log(limits_m[0]), np.log(limits_m[1]), number))[:, None]
-
-    def phases(number: int) -> np.ndarray:
-        return np.exp(2j * np.pi * generator.uniform(size=number))
-
-    scattered = ScatteredPaths.of_points(points(count), speed * generator.uniform(-1.0, 1.0, (count, 3)), phases(count))
-    some = max(1, count // 4)
-    image, velocity = 2.0 * points(some), speed * generator.uniform(-1.0, 1.0, (some, 3))
-    axes, owner = np.tile(np.diag([-1.0, 1.0, 1.0]), (some, 1, 1)), np.zeros(some, dtype=np.int32)
-    return PathTable(scattered, SpecularPaths.of(image, velocity, axes, phases(some), owner, SPECULAR))
+    """Bounces around, and a quarter as many moving mirror images, all of unit amplitude."""
+    return random_table(np.random.default_rng(seed), count, max(1, count // 4), limits_m, 0.0, speed)
 
 
 def along_lines(paths: PathTable, radar: Radar, tolerance: float, intra_chirp: bool = False) -> int:
