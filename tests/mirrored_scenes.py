@@ -65,3 +65,14 @@ def fresnel(material: Material, cosine: NDArray, polarization: str) -> NDArray:
     if polarization == "H":
         return (cosine - root) / (cosine + root)
     return (eta * cosine - root) / (eta * cosine + root)
+
+
+def two_rays_db(material: Material, range_m: NDArray, radar_m: float, target_m: float, polarization: str) -> NDArray:
+    """Level of a target of 0 dBsm over a smooth or rough plane by the two-ray model, one-way fields squared [dB]."""
+    direct = np.hypot(range_m, target_m - radar_m)
+    bounced = np.hypot(range_m, target_m + radar_m)
+    gamma = fresnel(material, (target_m + radar_m) / bounced, polarization)
+    gamma = gamma * np.sqrt(1.0 - material.scattering_coefficient**2)
+    wavenumber = 2.0 * np.pi / WAVELENGTH_M
+    field = np.exp(-1j * wavenumber * direct) / direct + gamma * np.exp(-1j * wavenumber * bounced) / bounced
+    return 20.0 * np.log10(WAVELENGTH_M / (4.0 * np.pi) ** 1.5 * np.abs(field) ** 2)

@@ -164,15 +164,6 @@ def test_every_public_name_is_there_and_documented(package: object) -> None:
         _ = package.nothing  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.__name__)
-def test_an_import_loads_nothing_that_computes(package: object) -> None:
-    name = package.__name__  # type: ignore[attr-defined]
-    names = "print(*sorted({part.partition('.')[0] for part in sys.modules}))"
-    bare = set(told("-c", f"import sys; {names}").split())  # of Debian's Python with a sitecustomize
-    loaded = set(told("-c", f"import sys, {name}; {names}").split()) - bare - sys.stdlib_module_names
-    assert {part for part in loaded if not part.startswith("_")} <= {"shared", name}
-
-
 def test_a_rendering_process_starts_without_what_few_frames_need() -> None:
     """Every worker starts so; together these take more than a second."""
     dear = "'scipy.signal', 'scipy.stats', 'scipy.interpolate', 'trimesh', 'networkx', 'matplotlib'"

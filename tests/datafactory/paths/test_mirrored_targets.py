@@ -19,6 +19,7 @@ from mirrored_scenes import (
     ground,
     level_db,
     point,
+    two_rays_db,
 )
 from numpy.typing import NDArray
 from oracles import mirrored, scattered_delays
@@ -27,24 +28,12 @@ from sionna_scenes import WAVELENGTH_M, plate
 from datafactory.frame.measurement import object_targets
 from datafactory.paths.mirrors import points_of_reflection
 from datafactory.paths.table import SPECULAR, TARGET
-from datafactory.scenes.materials.table import Material
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, SceneObject
 from datafactory.scenes.targets.models import Sphere, Trihedral
 from shared.radar import Radar
 
 pytestmark = pytest.mark.usefixtures("variant")
-
-
-def two_rays_db(material: Material, range_m: NDArray, radar_m: float, target_m: float, polarization: str) -> NDArray:
-    """Level of a target of 0 dBsm over a smooth or rough plane by the two-ray model, one-way fields squared [dB]."""
-    direct = np.hypot(range_m, target_m - radar_m)
-    bounced = np.hypot(range_m, target_m + radar_m)
-    gamma = fresnel(material, (target_m + radar_m) / bounced, polarization)
-    gamma = gamma * np.sqrt(1.0 - material.scattering_coefficient**2)
-    wavenumber = 2.0 * np.pi / WAVELENGTH_M
-    field = np.exp(-1j * wavenumber * direct) / direct + gamma * np.exp(-1j * wavenumber * bounced) / bounced
-    return 20.0 * np.log10(WAVELENGTH_M / (4.0 * np.pi) ** 1.5 * np.abs(field) ** 2)
 
 
 def swept(of: str, range_m: NDArray, radar_m: float, target_m: float, polarization: str) -> NDArray:
