@@ -6,16 +6,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 from solids import Shape, Standing
 
 from datafactory.scenes.boxes import BoxedThing, boxed_things
-from datafactory.scenes.city.shapes import yaw_rotation
 from datafactory.scenes.city.site import Placement
 from datafactory.scenes.scene import Scene, SceneObject
 from datafactory.scenes.traffic.population import FOLDER
 
 FLAT = ("Ground/", "Covers/")
 """Sheets that everything stands on: no bodies."""
+
+
+def yaw_rotation(yaw_deg: float) -> np.ndarray:
+    """[3, 3] about z."""
+    return Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
 
 
 def city_solids(placements: Sequence[Placement]) -> list[Standing]:

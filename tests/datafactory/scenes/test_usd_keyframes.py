@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
+from scene_solids import yaw_rotation
 from usd_files import CUBE, CUBE_FACES, CUBE_POINTS, METRES_Z_UP, MOVING, SPLINE, ops, read, translated, write_usda
 
-from datafactory.scenes.city.shapes import box, yaw_rotation
+from datafactory.scenes.city.shapes import box
 from datafactory.scenes.city.site import Keyframe, Placement
 from datafactory.scenes.city.usd import write_usd
 from datafactory.scenes.motion import Motion, Moving

@@ -63,12 +63,6 @@ class Surface:
         return Surface(np.round(turned + np.asarray(offset), MILLIMETRE_DECIMALS), self.faces, self.materials)
 
 
-def yaw_rotation(yaw_deg: float) -> NDArray[np.float64]:
-    """Right-handed rotation [3, 3] about z by ``yaw_deg`` degrees."""
-    cosine, sine = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))
-    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-
-
 def welded(polygons: Iterable[Polygon]) -> Surface:
     """Polygons to one surface in which corners at the same millimetre are one vertex."""
     index: dict[tuple[float, ...], int] = {}
