@@ -1,4 +1,4 @@
-"""Path tables made at random, for tests that compare formulas."""
+"""Path tables made at random, and the radars of tests that compare sums over them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,25 @@ from dataclasses import replace
 import numpy as np
 
 from datafactory.paths.table import SPECULAR, PathTable, ScatteredPaths, SpecularPaths
+from shared.radar import ImageGrid, Radar
+from shared.radar.arrays import AntennaArray, line
+from shared.radar.waveform import Waveform
+
+SMALL = AntennaArray(tx_m=line(np.array([-0.05, -0.046])), rx_m=line(np.array([-0.045, 0.003, 0.045])))
+GRID = ImageGrid(bins=30)
+"""Coarse, to keep the references quick: paths are placed within a beam width of its points, so that peaks are seen."""
+
+
+def radar_of(samples: int = 64, chirps: int = 32, array: AntennaArray = SMALL, **waveform: object) -> Radar:
+    """A frame of 10.3 ms like the default's, in fewer chirps: with 32, 3 m/s is the unambiguous velocity."""
+    fields = {"samples": samples, "range_bins": samples, "chirps": chirps, "chirp_interval_s": 128 * 80.6e-6 / chirps}
+    return Radar(waveform=Waveform.model_validate({**fields, **waveform}), array=array)
+
+
+def truth_radar(samples: int, range_bins: int, chirps: int = 32) -> Radar:
+    """The same with the default's array, for truths."""
+    radar = radar_of(samples, chirps, Radar().array, range_bins=range_bins)
+    return radar.model_copy(update={"grid": GRID})
 
 
 def a_table(

@@ -6,23 +6,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from oracles import if_cube, relative_error
-from path_tables import random_table
+from path_tables import radar_of, random_table
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths, cube_of_sorted
 from datafactory.synthesis.motion import centre, left_out, motion_of, reach_m
 from datafactory.synthesis.sorting import ORDERS, PathsAlongLines, SortedPaths, line_sets, sorted_paths
 from shared.radar import Radar
-from shared.radar.arrays import AntennaArray, line, virtual_sensor_256
-from shared.radar.waveform import Waveform
-
-SMALL = AntennaArray(tx_m=line(np.array([-0.05, -0.046])), rx_m=line(np.array([-0.045, 0.003, 0.045])))
-
-
-def radar_of(samples: int = 128, chirps: int = 128, array: AntennaArray = SMALL, **waveform) -> Radar:
-    """Chirps of a frame of 10.3 ms, as the default's."""
-    interval = {"chirp_interval_s": 128 * 80.6e-6 / chirps} | waveform
-    return Radar(waveform=Waveform(samples=samples, range_bins=samples, chirps=chirps, **interval), array=array)
+from shared.radar.arrays import virtual_sensor_256
 
 
 def moving(count: int, speed: float, limits_m: tuple[float, float], seed: int = 1) -> PathTable:
