@@ -1,7 +1,7 @@
 """Write the effect scenes into ``effects/``: ``.venv/bin/python scenes/make_effects.py``.
 
-Each scene calls for a known set of effects. ``tests/effect_scenes/expected.json`` says which, why and at what level, by
-hand calculation. Metres, z up; the sensor stands about 0.5 m high near the origin and looks along +x. There is no
+Each scene calls for a known set of effects. ``tests/effect_scenes/expected.json`` says which and why, by hand
+calculation. Metres, z up; the sensor stands about 0.5 m high near the origin and looks along +x. There is no
 ground except where a scene says so: the bodies hang in free space, because a road under the sensor alone would call for
 half of the effects. Faces are set a little aside, so that no line of sight runs along the diagonal that cuts them into
 triangles. Everything follows from the numbers below: the same versions write the same bytes.

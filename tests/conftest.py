@@ -15,6 +15,8 @@ from jaxtyping import install_import_hook
 from threadpoolctl import threadpool_limits
 
 if TYPE_CHECKING:
+    from s3_server import Server
+
     from shared.radar import Radar
 
 # Numba's threads and PyTorch's are of one OpenMP, and its idle threads spin: where another process held the other core,
@@ -46,15 +48,22 @@ LONG = (
     "datafactory/accuracy/test_looking.py::test_a_budget_on_two_scenes",
     "datafactory/paths/test_trace_on_device.py",
     "datafactory/synthesis/test_kept_machine_code.py",
-    "effect_scenes/test_effect_plans.py::test_what_is_left_out_is_within_the_budget[moving",
     "examples/",
     "fuzz/",
-    "hardcases/test_hardcases.py::test_hard_case[kernels-0.5 m",
+    "hardcases/test_hardcases.py::test_hard_case[estimators-",
+    "hardcases/test_hardcases.py::test_hard_case[kernels-",
+    "hardcases/test_hardcases.py::test_hard_case[signals-2^15",
+    "hardcases/test_hardcases.py::test_hard_case[signals-crossing",
     "hardcases/test_hardcases.py::test_hard_case[signals-one",
+    "integration/test_array_jobs.py::test_rendered",
     "integration/test_flipped_bits.py",
     "integration/test_flipped_files.py",
+    "integration/test_frames_decide.py::test_a_frame",
+    "integration/test_frames_decide.py::test_frames_that_look",
     "integration/test_ray.py",
     "integration/test_remote_runs.py",
+    "integration/test_stored_paths.py::test_traced_now_and_rendered_later_is_rendered_at_once[5",
+    "shared/dataset/test_locations.py::test_a_store_that_is_not_there_is_one_line[s3://b/set?endpoint_override=127",
     "shared/physics/test_compiled.py::test_a_read_only",
     "shared/physics/test_compiled.py::test_machine_code",
     "test_browser.py",
@@ -101,6 +110,33 @@ def one_torch_thread() -> None:
 @pytest.fixture(scope="session")
 def small_radar() -> RadarMaker:
     return _small_radar
+
+
+@pytest.fixture(scope="session")
+def radar_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small radar's, for commands."""
+    from small_radar import write_small_radar
+
+    return write_small_radar(tmp_path_factory.mktemp("radar"))
+
+
+@pytest.fixture(scope="session")
+def s3() -> Iterator[Server]:
+    """A server for this process; what a test made fail is mended after it by :func:`server`."""
+    from s3_server import s3_server
+
+    with s3_server() as running:
+        yield running
+
+
+@pytest.fixture
+def server(s3: Server, monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
+    """The store of a test, with its credentials in the environment."""
+    from s3_server import set_credentials
+
+    set_credentials(monkeypatch)
+    yield s3
+    s3.mend()
 
 
 @pytest.fixture(scope="session")

@@ -6,11 +6,13 @@ import contextlib
 import io
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app, main
+from shared.dataset.folder import read_manifest
 
 
 def run(*arguments: object) -> str:
@@ -35,6 +37,11 @@ def refused(*arguments: object) -> str:
     status, _, line = ended(*arguments)
     assert (status, line.count("\n")) == (2, 1)
     return line
+
+
+def but_made(folder: Path) -> dict[str, Any]:
+    """The manifest but for what may differ between two equal runs."""
+    return {name: value for name, value in read_manifest(folder).items() if name != "made"}
 
 
 def shards(folder: Path) -> dict[str, bytes]:

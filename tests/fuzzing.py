@@ -15,6 +15,7 @@ from collections.abc import Callable
 from typing import Any
 
 import hypothesis
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -71,6 +72,12 @@ def damaged(good: bytes, splices: list[Splice]) -> bytes:
         place = int(where * len(good))
         good = good[:place] + put + good[place + out :]
     return good
+
+
+def flipped(good: bytes, generator: np.random.Generator) -> tuple[bytes, str]:
+    """One bit is another; which."""
+    place, bit = int(generator.integers(len(good))), int(generator.integers(8))
+    return good[:place] + bytes([good[place] ^ 1 << bit]) + good[place + 1 :], f"bit {bit} of byte {place}"
 
 
 def edited(good: bytes, edits: list[Edit]) -> bytes:

@@ -6,24 +6,20 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, mapping, material
 
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import TARGET, PathTable, ScatteredPaths
 from datafactory.paths.trace import trace
-from datafactory.scenes.materials.table import Material, MaterialMapping, load_materials
+from datafactory.scenes.materials.table import Material, load_materials
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 
-FREQUENCY_HZ = 77.5e9
-WAVELENGTH_M = 299_792_458.0 / FREQUENCY_HZ
 ASPHALT = load_materials().materials["asphalt"]
-METAL = Material("mirror", 1.0, 1e7, 0.1, 0.0, "lambertian", "test", (77.0, 78.0), ())
-MATERIALS = MaterialMapping(
-    entries={"mirror": (METAL, "test"), "asphalt": (ASPHALT, "test")},
-    unknown=(),
-)
+METAL = material("mirror", 1.0, 1e7, 0.1)
+MATERIALS = mapping(METAL, ASPHALT)
 
 
 def ground(
@@ -69,3 +65,14 @@ def fresnel(material: Material, cosine: NDArray, polarization: str) -> NDArray:
     if polarization == "H":
         return (cosine - root) / (cosine + root)
     return (eta * cosine - root) / (eta * cosine + root)
+
+
+def two_rays_db(material: Material, range_m: NDArray, radar_m: float, target_m: float, polarization: str) -> NDArray:
+    """Level of a target of 0 dBsm over a smooth or rough plane by the two-ray model, one-way fields squared [dB]."""
+    direct = np.hypot(range_m, target_m - radar_m)
+    bounced = np.hypot(range_m, target_m + radar_m)
+    gamma = fresnel(material, (target_m + radar_m) / bounced, polarization)
+    gamma = gamma * np.sqrt(1.0 - material.scattering_coefficient**2)
+    wavenumber = 2.0 * np.pi / WAVELENGTH_M
+    field = np.exp(-1j * wavenumber * direct) / direct + gamma * np.exp(-1j * wavenumber * bounced) / bounced
+    return 20.0 * np.log10(WAVELENGTH_M / (4.0 * np.pi) ** 1.5 * np.abs(field) ** 2)

@@ -148,6 +148,39 @@ def mirror_path(tx: Real, rx: Real, planes: Sequence[tuple[Real, Real]]) -> tupl
     return length, np.array(vertices[::-1])
 
 
+def strip(extent: float, count: int) -> np.ndarray:
+    """Midpoints of ``count`` cells of [-extent / 2, extent / 2]."""
+    return extent * ((np.arange(count) + 0.5) / count - 0.5)
+
+
+def corner_area(walls: np.ndarray, inside, direction: np.ndarray, extent: float, count: int = 1000) -> float:
+    """Area [m^2] of a beam along -``direction`` whose rays meet every wall of a corner and leave where they came from.
+
+    :param walls: [N, 3] normals of the planes through the origin; :param inside: (wall, points) -> mask
+    """
+    across = np.cross(direction, [0.3, -0.5, 0.8])
+    across /= np.linalg.norm(across)
+    up = np.cross(direction, across)
+    grid = strip(2.0 * extent, count)
+    rays = (grid[:, None, None] * across + grid[None, :, None] * up).reshape(-1, 3) + 10.0 * direction
+    heading = np.tile(-direction, (len(rays), 1))
+    alive, met = np.ones(len(rays), dtype=bool), np.zeros((len(rays), len(walls)), dtype=bool)
+    for _ in range(len(walls)):
+        nearest, which = np.full(len(rays), np.inf), np.full(len(rays), -1)
+        for index, normal in enumerate(walls):
+            speed = heading @ normal
+            distance = np.where(speed < -1e-12, -(rays @ normal) / np.where(speed < -1e-12, speed, 1.0), np.inf)
+            points = rays + np.where(np.isfinite(distance), distance, 0.0)[:, None] * heading
+            hit = np.isfinite(distance) & (distance > 1e-9) & (distance < nearest) & inside(index, points)
+            nearest, which = np.where(hit, distance, nearest), np.where(hit, index, which)
+        alive &= which >= 0
+        wall = walls[np.maximum(which, 0)]
+        rays = rays + np.where(alive, nearest, 0.0)[:, None] * heading
+        heading = heading - 2.0 * np.einsum("ri,ri->r", heading, wall)[:, None] * wall
+        met[np.arange(len(rays)), np.maximum(which, 0)] |= alive
+    return float(np.sum(alive & met.all(axis=1))) * (2.0 * extent / count) ** 2
+
+
 def relative_error(value: NDArray, reference: NDArray) -> float:
     """Relative L2 error."""
     return float(np.linalg.norm(value - reference) / np.linalg.norm(reference))

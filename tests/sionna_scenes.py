@@ -28,16 +28,13 @@ def material(
     return Material(name, permittivity, conductivity, thickness_m, scattering, pattern, "test", (77.0, 78.0), ())
 
 
-MATERIALS = MaterialMapping(
-    entries={
-        item.name: (item, "test")
-        for item in (
-            material("metal", 1.0, 1e7, 0.1),
-            material("glass", 6.31, 1.211, 0.006),
-            material("air", 1.0, 0.0, 0.05),
-        )
-    },
-    unknown=(),
+def mapping(*materials: Material) -> MaterialMapping:
+    """Materials by their own names."""
+    return MaterialMapping(entries={item.name: (item, "test") for item in materials}, unknown=())
+
+
+MATERIALS = mapping(
+    material("metal", 1.0, 1e7, 0.1), material("glass", 6.31, 1.211, 0.006), material("air", 1.0, 0.0, 0.05)
 )
 
 

@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from shared.dataset import Box, Frame, Target, arrow_schema, description, to_record_batch
+from shared.dataset.folder import Dataset
 from shared.dataset.locations import sha256_of
 from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AntennaArray, line
@@ -98,6 +99,11 @@ def make_dataset(folder: Path, shards: Mapping[str, Sequence[int]] = ONE_SHARD, 
         write(folder / f"{name}.parquet", [make_frame(index) for index in ids], rows_per_group=rows_per_group)
     write_manifest(folder, {f"{name}.parquet": len(ids) for name, ids in shards.items()})
     return folder
+
+
+def values(dataset: Dataset) -> list[tuple[int, bytes, bytes]]:
+    """What the training frames of a dataset hold."""
+    return [(f.frame_id, f.image.tobytes(), f.range_channel.tobytes()) for f in dataset.frames("train")]
 
 
 def make_traced(folder: Path) -> Path:

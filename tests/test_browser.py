@@ -1,7 +1,6 @@
 """Where no Chromium is to be had, one line says why, and nothing is left that could be taken for one."""
 
 import platform
-from types import SimpleNamespace
 
 import browser
 import pytest
@@ -34,32 +33,3 @@ def test_no_chromium_is_one_line(machine, npm, said, tmp_path, monkeypatch):
     assert "\n" not in str(caught.value)
     assert browser.installed_browser() is None
     assert list(tmp_path.glob("browser/*")) == []
-
-
-class TargetClosedError(Exception):
-    """As playwright names what a browser says that dies as it starts."""
-
-
-@pytest.mark.parametrize(
-    ("deaths", "error", "starts"),
-    [(0, TargetClosedError, 1), (2, TargetClosedError, 3), (3, TargetClosedError, 3), (1, TimeoutError, 1)],
-)
-def test_a_browser_that_dies_as_it_starts_is_started_again(deaths, error, starts):
-    left, calls = [error] * deaths, []
-
-    def launch(**settings):
-        calls.append(settings)
-        if left:
-            raise left.pop()
-        return "browser"
-
-    driver = SimpleNamespace(chromium=SimpleNamespace(launch=launch))
-    chromium = browser.Browser("/somewhere/chromium", {"FONTCONFIG_FILE": "own"})
-    if starts > deaths:
-        assert chromium.launched(driver, ["--disable-gpu"]) == "browser"
-    else:
-        with pytest.raises(error):
-            chromium.launched(driver, ["--disable-gpu"])
-    assert len(calls) == starts
-    assert calls[0]["executable_path"] == "/somewhere/chromium"
-    assert calls[0]["env"]["FONTCONFIG_FILE"] == "own"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from sionna_scenes import FREQUENCY_HZ, mapping, material, plate
 
 from datafactory.paths import solver as solver_module
 from datafactory.paths.geometry import placed
@@ -13,57 +14,26 @@ from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import PathTable
 from datafactory.paths.trace import trace
-from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene, SceneObject
 
-FREQUENCY_HZ = 77.5e9
-WAVELENGTH_M = 299_792_458.0 / FREQUENCY_HZ
 RADAR_AT_ORIGIN = Pose((0.0, 0.0, 0.0))
 SCATTERING = 0.6
-
-
-def material(name: str, **changes: object) -> Material:
-    properties: dict[str, object] = {
-        "relative_permittivity": 1.0,
-        "conductivity_s_per_m": 1e7,
-        "thickness_m": 0.1,
-        "scattering_coefficient": 0.0,
-        "pattern": "lambertian",
-        "source": "test",
-        "valid_ghz": (77.0, 78.0),
-        "assumptions": (),
-    }
-    return Material(name=name, **{**properties, **changes})  # type: ignore[arg-type]
-
-
-MATERIALS = MaterialMapping(
-    entries={
-        "mirror": (material("mirror"), "test"),
-        "rough": (material("rough", scattering_coefficient=SCATTERING), "test"),
-        "concrete": (material("concrete", relative_permittivity=5.24, conductivity_s_per_m=1.38), "test"),
-    },
-    unknown=(),
+MATERIALS = mapping(
+    material("mirror", 1.0, 1e7, 0.1),
+    material("rough", 1.0, 1e7, 0.1, SCATTERING),
+    material("concrete", 5.24, 1.38, 0.1),
 )
-
-
-def rectangle(
-    name: str, centre: tuple[float, float, float], across: tuple, up: tuple, of: str, velocity=(0.0, 0.0, 0.0)
-) -> SceneObject:
-    """A flat rectangle, centre +- across +- up [m]."""
-    middle, a, b = np.array(centre), np.array(across, dtype=float), np.array(up, dtype=float)
-    vertices = np.array([middle - a - b, middle + a - b, middle + a + b, middle - a + b])
-    return SceneObject(name, vertices, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), of, velocity)
 
 
 def wall(
     of: str, distance_m: float = 10.0, half_m: float = 300.0, velocity=(0.0, 0.0, 0.0), name="wall"
 ) -> SceneObject:
-    return rectangle(name, (distance_m, 0.0, 0.0), (0.0, half_m, 0.0), (0.0, 0.0, half_m), of, velocity)
+    return plate(name, (distance_m, 0.0, 0.0), (0.0, half_m, 0.0), (0.0, 0.0, half_m), of, velocity)
 
 
 def side_wall(of: str, name="side") -> SceneObject:
-    return rectangle(name, (10.0, 6.0, 0.0), (10.0, 0.0, 0.0), (0.0, 0.0, 10.0), of)
+    return plate(name, (10.0, 6.0, 0.0), (10.0, 0.0, 0.0), (0.0, 0.0, 10.0), of)
 
 
 def traced(

@@ -10,14 +10,14 @@ from collections.abc import Sequence
 import numpy as np
 from hardcases.case import HardCase
 from hardcases.tools import MIRROR, UTM, not_finite_paths, rectangle, traced
+from mirrored_scenes import METAL, two_rays_db
 from numpy.typing import NDArray
+from sionna_scenes import WAVELENGTH_M
 
 from datafactory.paths.table import TARGET, PathTable
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, SceneObject
 from datafactory.scenes.targets.models import Car, Pedestrian
-
-WAVELENGTH_M = 299_792_458.0 / 77.5e9
 
 
 def _ground(material: str = MIRROR, half_m: float = 400.0) -> SceneObject:
@@ -43,12 +43,9 @@ def _over_free_db(table: PathTable, range_m: float) -> float:
 
 
 def _two_rays_db(range_m: float, radar_m: float, target_m: float) -> float:
-    """Level over free space [dB] above metal, polarised vertically, with Fresnel's coefficient of 1e7 S/m."""
-    direct, bounced = np.hypot(range_m, target_m - radar_m), np.hypot(range_m, target_m + radar_m)
-    eta, cosine = 1.0 - 1e7j / (2.0 * np.pi * 77.5e9 * 8.8541878128e-12), (target_m + radar_m) / bounced
-    gamma = (eta * cosine - np.sqrt(eta)) / (eta * cosine + np.sqrt(eta))
-    turned = np.exp(-2j * np.pi * (bounced - direct) / WAVELENGTH_M)
-    return float(40.0 * np.log10(abs(1.0 + gamma * direct / bounced * turned)))
+    """Level over free space [dB] above metal, polarised vertically."""
+    free = 20.0 * np.log10(WAVELENGTH_M / (4.0 * np.pi) ** 1.5 / np.hypot(range_m, target_m - radar_m) ** 2)
+    return float(two_rays_db(METAL, np.array([range_m]), radar_m, target_m, "V")[0] - free)
 
 
 def _touching() -> float:

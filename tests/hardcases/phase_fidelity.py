@@ -4,7 +4,7 @@ A scatterer, or a mirror, stands at range R from a moving radar, and all of it D
 chain is judged: world coordinates in float64, the vertices that the tracer gets in float32, what it returns, delays,
 phases, and the cube. Of a mirror, the exact echo is that of its world plane; of a rough wall, that of the point of its
 world plane nearest to where the ray hit, because which point a ray hits is chance, but that it lies on the wall is not;
-of a point target, that of its world position. The reference sums nothing and rounds nothing: mpmath with 40 digits.
+of a point target, that of its world position. The reference has the 64 bits of an extended float: 3e-14 m at 500 km.
 
 The phase error is that of the cube's mid-sweep sample. What is common to all elements, or to all chirps, moves no
 image: the largest departure from the first element's, or the first chirp's, is the figure. The sidelobe floor is that
@@ -17,7 +17,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 
-import mpmath
 import numpy as np
 from hardcases.case import HardCase
 from hardcases.tools import MIRROR, points, rectangle, traced
@@ -44,9 +43,8 @@ VELOCITY = (9.0, 4.0, -0.3)
 YAW_DEG = 13.0
 CHIRPS = 8
 """Of a frame as long as the default's: 10.3 ms."""
-DIGITS = 40
-
-Lengths = Callable[[mpmath.matrix, mpmath.matrix, mpmath.mpf], mpmath.mpf]
+Exact = NDArray[np.longdouble]
+Lengths = Callable[[Exact, Exact, float], np.longdouble]
 """Length of an echo [m] from a TX to an RX, positions in the radar frame, at a time [s] after the start."""
 
 
@@ -131,27 +129,21 @@ def _phase_error(
     Both are referred to the first of them, so that errors of a small fraction of a cycle never wrap.
     """
     device, rest = radar(), np.empty((len(chirps), len(elements)), dtype=np.complex128)
-    with mpmath.workdps(DIGITS):
-        wave = mpmath.mpf(reference_frequency_hz(device)) / mpmath.mpf(SPEED_OF_LIGHT)
-        tx = _vector(device.virtual_sensor.tx[0])
-        for m, chirp in enumerate(chirps):
-            time_s = chirp * mpmath.mpf(device.waveform.chirp_interval_s)
-            for c, element in enumerate(elements):
-                length = exact(tx, _vector(device.virtual_sensor.rx[element]), time_s)
-                rest[m, c] = signal[chirp, element] * np.exp(-2j * np.pi * float(mpmath.frac(wave * length)))
+    wave = np.longdouble(reference_frequency_hz(device)) / np.longdouble(SPEED_OF_LIGHT)
+    tx, rx = (
+        np.asarray(places, dtype=np.longdouble) for places in (device.virtual_sensor.tx, device.virtual_sensor.rx)
+    )
+    for m, chirp in enumerate(chirps):
+        for c, element in enumerate(elements):
+            length = exact(tx[0], rx[element], chirp * device.waveform.chirp_interval_s)
+            rest[m, c] = signal[chirp, element] * np.exp(-2j * np.pi * float(wave * length % 1))
     return np.angle(rest / rest[0, 0])
 
 
 def _point_lengths(pose: Pose, world: NDArray[np.float64]) -> Lengths:
     """Length of the echo of a resting point in the world, seen from the moving radar."""
-    with mpmath.workdps(DIGITS):
-        start, motion = _seen(world, pose), _seen_motion()
-
-    def length(tx: mpmath.matrix, rx: mpmath.matrix, time_s: mpmath.mpf) -> mpmath.mpf:
-        at = start + motion * time_s
-        return mpmath.norm(at - tx) + mpmath.norm(at - rx)
-
-    return length
+    start, motion = _seen(world, pose), _seen_motion()
+    return lambda tx, rx, time_s: _length(start + motion * time_s - tx) + _length(start + motion * time_s - rx)
 
 
 def _wall_lengths(pose: Pose, corners: NDArray[np.float64], hit: NDArray[np.float64] | None) -> Lengths:
@@ -159,49 +151,38 @@ def _wall_lengths(pose: Pose, corners: NDArray[np.float64], hit: NDArray[np.floa
 
     :param hit: where a ray struck, in the radar frame; the point of the wall nearest to it scatters. None for a mirror.
     """
-    with mpmath.workdps(DIGITS):
-        origin, second, _, fourth = (_seen(corner, pose) for corner in corners)
-        normal = _cross(second - origin, fourth - origin)
-        normal /= mpmath.norm(normal)
-        motion = _seen_motion()
-        start = origin if hit is None else _vector(hit) - _dot(_vector(hit) - origin, normal) * normal
+    origin, second, _, fourth = (_seen(corner, pose) for corner in corners)
+    normal = np.cross(second - origin, fourth - origin)
+    normal /= _length(normal)
+    motion = _seen_motion()
+    start = origin if hit is None else hit - (hit - origin) @ normal * normal
 
-    def length(tx: mpmath.matrix, rx: mpmath.matrix, time_s: mpmath.mpf) -> mpmath.mpf:
+    def length(tx: Exact, rx: Exact, time_s: float) -> np.longdouble:
         at = start + motion * time_s
         if hit is None:
-            return mpmath.norm(tx - 2 * _dot(tx - at, normal) * normal - rx)
-        return mpmath.norm(at - tx) + mpmath.norm(at - rx)
+            return _length(tx - 2 * ((tx - at) @ normal) * normal - rx)
+        return _length(at - tx) + _length(at - rx)
 
     return length
 
 
-def _vector(values) -> mpmath.matrix:
-    """A float64 vector [3] as it is, exactly."""
-    return mpmath.matrix([mpmath.mpf(float(value)) for value in values])
+def _length(vector: Exact) -> np.longdouble:
+    return np.longdouble(np.sqrt(vector @ vector))
 
 
-def _turn() -> mpmath.matrix:
+def _turn() -> Exact:
     """The pose's own float64 rotation: the attitude is what the product says it is."""
-    rotation = Pose((0.0, 0.0, 0.0), YAW_DEG).rotation()
-    return mpmath.matrix([[mpmath.mpf(float(value)) for value in row] for row in rotation])
+    return Pose((0.0, 0.0, 0.0), YAW_DEG).rotation().astype(np.longdouble)
 
 
-def _seen(world: NDArray[np.float64], pose: Pose) -> mpmath.matrix:
+def _seen(world: NDArray[np.float64], pose: Pose) -> Exact:
     """A world point in the radar frame at the start of the frame."""
-    return _turn().T * (_vector(world) - _vector(pose.position))
+    return _turn().T @ (world.astype(np.longdouble) - np.array(pose.position, dtype=np.longdouble))
 
 
-def _seen_motion() -> mpmath.matrix:
+def _seen_motion() -> Exact:
     """Velocity of the resting world in the radar frame."""
-    return _turn().T * (-_vector(VELOCITY))
-
-
-def _dot(a: mpmath.matrix, b: mpmath.matrix) -> mpmath.mpf:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _cross(a: mpmath.matrix, b: mpmath.matrix) -> mpmath.matrix:
-    return mpmath.matrix([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    return -_turn().T @ np.array(VELOCITY, dtype=np.longdouble)
 
 
 def _worst(kind: str, figure: str) -> float:

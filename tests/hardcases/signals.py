@@ -1,12 +1,12 @@
 """Hard cases of the IF signal: dynamic range, cancellation, path counts from zero to 100 000, ambiguities, shapes.
 
-The reference is the float64 sum of eq. (1) (``tests/oracles.py``), or mpmath where float64 itself is in question.
+The reference is the float64 sum of eq. (1) (``tests/oracles.py``).
 """
 
 from __future__ import annotations
 
-import mpmath
-import numba
+from collections.abc import Sequence
+
 import numpy as np
 from hardcases.case import HardCase
 from hardcases.tools import cube_error, frame_of, not_finite, points, small_radar
@@ -15,7 +15,6 @@ from oracles import if_cube, peak_error_db, truth_rows
 from datafactory.paths.table import PathTable
 from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.truth import truth_moments
-from shared.physics.cycles import phasor
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray, line
@@ -24,11 +23,6 @@ from shared.signal.spectrum import range_doppler, select_doppler
 
 WEAK = 1e-6
 """An echo 120 dB below its neighbour."""
-
-
-@numba.njit
-def _phasor(cycles: float) -> tuple[float, float]:
-    return phasor(cycles)
 
 
 def _monostatic(radar: Radar) -> Radar:
@@ -67,15 +61,6 @@ def _antiphase_residual() -> float:
     return float(np.abs(cube).max())
 
 
-def _antiphase_by_geometry() -> float:
-    """Error of the cube of two echoes a quarter wavelength apart, relative to one of them."""
-    radar = small_radar()
-    quarter = 0.25 * radar.waveform.wavelength_m
-    paths = points([[15.0, 0.0, 0.0], [15.0 + quarter, 0.0, 0.0]])
-    error = cube_of_paths(paths, radar) - if_cube(paths, radar)
-    return float(np.abs(error).max())
-
-
 def _crowd(spread_m: float) -> float:
     """Error of the cube of 100 000 echoes within ``spread_m`` of one point: of nearly one phase, or of any."""
     radar = _monostatic(small_radar(samples=32, chirps=1))
@@ -90,12 +75,6 @@ def _equal_crowd() -> float:
     return cube_error(points(np.tile([12.0, 2.0, 0.0], (100_000, 1)), amplitude=np.full(100_000, 0.1)), radar)
 
 
-def _zero_paths(noise: bool) -> float:
-    """NaN and infinite values of a frame without any path, and cells of its truth that are not zero."""
-    frame = frame_of(points(np.zeros((0, 3))), small_radar(), noise)
-    return float(not_finite(frame) + np.count_nonzero(frame.image) + (frame.image_peak != 0.0))
-
-
 def _doppler_cell(velocity_in_steps: float, expected: int) -> float:
     """Cells between where a radial velocity is seen and where it folds to."""
     radar = _monostatic(small_radar())
@@ -106,15 +85,10 @@ def _doppler_cell(velocity_in_steps: float, expected: int) -> float:
     return abs(int(select_doppler(spectra, 0.0).cells[0, row]) - expected)
 
 
-def _fast(samples: int) -> PathTable:
-    """A target that crosses three range bins within the frame of 10 ms."""
-    return points([[12.0, 1.0, 0.0]], [[45.0, 5.0, 0.0]])
-
-
 def _crossing_truth_db() -> float:
-    """Largest error of the truth rows that a target crosses, relative to its amplitude."""
+    """Largest error of the truth rows that a target crosses within the 10 ms, relative to its amplitude."""
     radar = small_radar(chirps=128, chirp_interval_s=80.6e-6)
-    paths = _fast(128)
+    paths = points([[12.0, 1.0, 0.0]], [[45.0, 5.0, 0.0]])
     rows = (78, 80, 82, 84)
     spectra = range_doppler(cube_of_paths(paths, radar).astype(np.complex64), radar)
     cells = select_doppler(spectra, 0.0).cells[0]
@@ -162,31 +136,26 @@ def _carriers() -> float:
     return worst
 
 
-def _phase_reduction() -> float:
-    """Largest error of unit phasors of up to 1e9 cycles, against mpmath for the very same float64 number."""
-    cycles = np.concatenate([np.random.default_rng(2).uniform(-1e9, 1e9, 200), 2.0 ** np.arange(30) + 0.5])
-    worst = 0.0
-    with mpmath.workdps(50):
-        for value in cycles:
-            cosine, sine = _phasor(value)
-            exact = mpmath.expjpi(2 * mpmath.mpf(float(value)))
-            worst = max(worst, float(abs(mpmath.mpc(cosine, sine) - exact)))
-    return worst
+def _near(position: Sequence[float]) -> float:
+    """Error of the cube of a scatterer next to the array; infinite if its frame holds anything not finite."""
+    paths, radar = points([position]), small_radar()
+    return np.inf if not_finite(frame_of(paths, radar)) else cube_error(paths, radar)
 
 
-def _residual_video_phase() -> float:
-    radar = small_radar(residual_video_phase=True)
-    return cube_error(points([[3.0, 0.0, 0.0], [37.0, 4.0, 0.0]], [[10.0, 0.0, 0.0]] * 2), radar)
-
-
-def _slow_time_fold() -> float:
-    """Error of the cube of a target at ten times the unambiguous velocity."""
+def _same_point() -> float:
+    """Error of the cube of an array whose TX and RX coincide, with a scatterer on that very point beside another."""
     radar = small_radar()
-    rate = 10.3 * radar.waveform.velocity_step_mps * radar.waveform.chirps
-    return cube_error(points([[20.0, 2.0, 0.0]], [[-rate, 0.0, 0.0]]), radar)
+    there = line(np.array([0.0, 0.03]))
+    radar = radar.model_copy(update={"array": AntennaArray(tx_m=there, rx_m=there)})
+    paths = points([[0.0, 0.03, 0.0], [12.0, 3.0, 0.0]])
+    return np.inf if not_finite(frame_of(paths, radar)) else cube_error(paths, radar)
 
 
 CASES = (
+    HardCase("scatterer at 1 cm", "1 / R^2, near field of one element", 1e-6, "relative",
+             lambda: _near([0.01, 0.0, 0.0])),
+    HardCase("scatterer on an RX element", "a leg of length 0", 1e-6, "relative", lambda: _near([0.0, -0.045, 0.0])),
+    HardCase("TX and RX at one point", "a round trip of 0", 1e-6, "relative", _same_point),
     HardCase(
         "120 dB in one cell", "the weak echo drowns in rounding of the strong (tolerance 1e-9)", 1e-3, "of the weak",
         lambda: _weak_echo_error(0.02),
@@ -199,46 +168,18 @@ CASES = (
         _weak_echo_level_db,
     ),
     HardCase("antiphase, same place", "a sum of zero leaves rounding noise", 1e-6, "of one echo", _antiphase_residual),
-    HardCase(
-        "antiphase by a quarter wavelength", "cancellation magnifies errors of phase", 2e-6, "of one echo",
-        _antiphase_by_geometry,
-    ),
     HardCase("100 000 paths in one cell", "float32 running sums lose digits", 1e-6, "relative", lambda: _crowd(1e-4)),
-    HardCase(
-        "100 000 incoherent paths in one cell", "small errors that all have one sign", 1e-6, "relative",
-        lambda: _crowd(0.02),
-    ),
     HardCase("100 000 equal paths", "rounding errors of one sign add up", 1e-6, "relative", _equal_crowd),
-    HardCase("zero paths, noise", "an empty frame divides by its peak", 0.0, "wrong values", lambda: _zero_paths(True)),
-    HardCase(
-        "zero paths, no noise", "as above, and logarithms of zero", 0.0, "wrong values", lambda: _zero_paths(False)
-    ),
     HardCase("Doppler at the ambiguity", "+v_max and -v_max are one cell", 0.0, "cells", lambda: _doppler_cell(-8, 0)),
     HardCase("Doppler at +v_max", "the upper edge is not on the axis", 0.0, "cells", lambda: _doppler_cell(8, 0)),
     HardCase("Doppler beyond the ambiguity", "folds to the wrong cell", 0.0, "cells", lambda: _doppler_cell(13, 5)),
-    HardCase("ten times v_max", "slow-time approximations break", 1e-6, "relative", _slow_time_fold),
-    HardCase(
-        "crossing three range bins", "a frame-long range-Doppler factorisation is wrong", 1e-6, "relative",
-        lambda: cube_error(_fast(128), small_radar(chirps=128, chirp_interval_s=80.6e-6)),
-    ),
-    HardCase("crossing three range bins, Doppler lines", "range and Doppler do not separate", 1e-4, "relative",
-             lambda: cube_error(_fast(128), small_radar(chirps=128, chirp_interval_s=80.6e-6), 1e-4)),
-    HardCase("near and fast, Doppler lines", "delays curve within the frame", 1e-3, "relative",
-             lambda: cube_error(points([[1.5, 0.5, 0.0], [3.0, -1.0, 0.2]], [[0.0, 5.0, 0.0], [-6.0, 8.0, 0.0]]),
-                                small_radar(chirps=64, chirp_interval_s=161.2e-6), 1e-3)),
     HardCase("crossing three range bins, truth", "its echo smears over rows", -40.0, "dB", _crossing_truth_db),
     HardCase("one chirp", "a window of length 1 is 0", 1e-6, "relative", lambda: _degenerate(small_radar(chirps=1))),
     HardCase("one sample", "no range at all", 1e-6, "relative", lambda: _degenerate(small_radar(samples=1))),
     HardCase("one sample, residual video phase", "terms dropped that only the shift can spare", 1e-6, "relative",
              lambda: _degenerate(_short_chirp())),
-    HardCase("two samples, two chirps", "windows with a zero weight", 1e-6, "relative",
-             lambda: _degenerate(small_radar(samples=2, chirps=2))),
     HardCase("one channel", "no aperture", 1e-6, "relative", lambda: _degenerate(_one_channel())),
     HardCase("one range bin", "row 0 alone", 1e-6, "relative", lambda: _degenerate(small_radar(range_bins=1))),
-    HardCase("odd samples and chirps", "centres between samples", 1e-6, "relative",
-             lambda: _degenerate(small_radar(samples=63, chirps=7))),
     HardCase("2^15 samples", "phases over 5 km of range", 1e-6, "relative", _long_sweep),
     HardCase("carriers 24 to 300 GHz", "constants of 77 GHz", 1e-6, "relative or bins", _carriers),
-    HardCase("residual video phase", "a phase quadratic in the delay", 1e-6, "relative", _residual_video_phase),
-    HardCase("phases of 1e9 cycles", "sin and cos of large arguments", 1e-15, "absolute", _phase_reduction),
 )  # fmt: skip

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import mpmath
 import numpy as np
 import pytest
 from hardcases.case import HardCase, catalogue, judge
@@ -58,7 +57,7 @@ def test_the_figure_of_phases_can_fail(monkeypatch: pytest.MonkeyPatch) -> None:
     assert good.array_deg < PHASE_DEG
     assert good.floor_db < FLOOR_DB
     fidelity.cache_clear()
-    elsewhere = mpmath.matrix(Pose((0.0, 0.0, 0.0), YAW_DEG + 1e-3).rotation().tolist())
+    elsewhere = Pose((0.0, 0.0, 0.0), YAW_DEG + 1e-3).rotation().astype(np.longdouble)
     monkeypatch.setattr("hardcases.phase_fidelity._turn", lambda: elsewhere)
     assert fidelity("point target", 50.0, 0.0).array_deg > PHASE_DEG
     fidelity.cache_clear()

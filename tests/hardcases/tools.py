@@ -7,12 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from oracles import if_cube, relative_error
-from sionna_scenes import material, plate
+from sionna_scenes import mapping, material, plate
 
 from datafactory.frame.measurement import FrameIdentity, Processing, image, measure
 from datafactory.paths.rays import RayFan
 from datafactory.paths.table import PathTable, ScatteredPaths
-from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.synthesis.cube import cube_of_paths
@@ -26,16 +25,10 @@ MIRROR = "mirror"
 """Name of the perfect conductor among :data:`MATERIALS`; ``rough`` scatters diffusely, ``vacuum`` does nothing."""
 UTM = (500_000.0, 5_480_000.0, 320.0)
 """Easting, northing and height of a place in the middle of a UTM zone [m]."""
-MATERIALS = MaterialMapping(
-    entries={
-        item.name: (item, "test")
-        for item in (
-            material(MIRROR, 1.0, 1e7, 0.1),
-            material("rough", 5.0, 1.0, 0.1, scattering=0.6),
-            material("vacuum", 1.0, 0.0, 0.1),
-        )
-    },
-    unknown=(),
+MATERIALS = mapping(
+    material(MIRROR, 1.0, 1e7, 0.1),
+    material("rough", 5.0, 1.0, 0.1, scattering=0.6),
+    material("vacuum", 1.0, 0.0, 0.1),
 )
 
 

@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 import torch
 from factory_command import run
+from fuzzing import flipped
 from prepared_scenes import SCENES
 from pydantic import BaseModel
 
@@ -174,15 +175,13 @@ def test_no_flipped_bit_is_read_silently(kind: str, made: Path, generator: np.ra
         path = folder / "manifest.json" if number % 5 == 0 else shards[generator.integers(len(shards))]
         content = damaged = path.read_bytes()
         while data_of(damaged) == data_of(content):
-            place, bit = int(generator.integers(len(content))), int(generator.integers(8))
-            damaged = content[:place] + bytes([content[place] ^ 1 << bit]) + content[place + 1 :]
+            damaged, where = flipped(content, generator)
         shutil.copytree(folder, copy, copy_function=os.link)
         (copy / path.relative_to(folder)).unlink()
         (copy / path.relative_to(folder)).write_bytes(damaged)
         for name, read in READS[kind].items():
             found = outcome(read, copy)
-            where = f"{name}: bit {bit} of byte {place} of {path.relative_to(folder)}"
-            assert found in (NOTICED, whole[name]), where
+            assert found in (NOTICED, whole[name]), f"{name}: {where} of {path.relative_to(folder)}"
             noticed[name] += found == NOTICED
         shutil.rmtree(copy)
     for name in READS[kind]:

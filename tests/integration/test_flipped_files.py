@@ -11,12 +11,14 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from fuzzing import flipped
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "trainer"))
 from small_evaluation import FULL, make_run
@@ -50,7 +52,7 @@ class Kept:
     read: Callable[[], Any]
 
 
-def run_file(folder: Path, name: str) -> Iterator[Kept]:
+def run_file(name: str, folder: Path) -> Iterator[Kept]:
     run = make_run(folder / "run", FULL, RADAR)
 
     def read() -> Any:
@@ -59,14 +61,6 @@ def run_file(folder: Path, name: str) -> Iterator[Kept]:
         return described, imager.gain, weights
 
     yield Kept(run / name, read)
-
-
-def description(folder: Path) -> Iterator[Kept]:
-    return run_file(folder, "run.json")
-
-
-def weights(folder: Path) -> Iterator[Kept]:
-    return run_file(folder, "weights.safetensors")
 
 
 def checkpoint(folder: Path) -> Iterator[Kept]:
@@ -130,7 +124,10 @@ def note(folder: Path) -> Iterator[Kept]:
         yield Kept(next((folder / ".progress").glob("train-*")), read)
 
 
-@pytest.mark.parametrize("keep", [description, weights, checkpoint, cell, measurements, note])
+@pytest.mark.parametrize(
+    "keep",
+    [partial(run_file, "run.json"), partial(run_file, "weights.safetensors"), checkpoint, cell, measurements, note],
+)
 def test_a_flipped_bit_is_noticed_or_changes_nothing(
     keep: Callable[[Path], Iterator[Kept]], tmp_path: Path, generator: np.random.Generator
 ) -> None:
@@ -138,12 +135,10 @@ def test_a_flipped_bit_is_noticed_or_changes_nothing(
         content, whole = kept.path.read_bytes(), kept.read()
         noticed = 0
         for _ in range(FLIPS):
-            place, bit = int(generator.integers(len(content))), int(generator.integers(8))
-            damaged = bytearray(content)
-            damaged[place] ^= 1 << bit
+            damaged, where = flipped(content, generator)
             kept.path.write_bytes(damaged)
             try:
-                assert kept.read() == whole, f"bit {bit} of byte {place}"
+                assert kept.read() == whole, where
             except (InputError, Noticed):
                 noticed += 1
         assert noticed > 0.5 * FLIPS

@@ -19,7 +19,6 @@ import pytest
 import ray_work
 from factory_command import shards
 from ray_cluster import add_node, kill_node, ray_cluster
-from small_radar import write_small_radar
 
 from datafactory import RunFailed, render
 from datafactory.run import pipeline
@@ -37,25 +36,20 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def radar(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_small_radar(tmp_path_factory.mktemp("radar"))
-
-
-@pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:
     with ray_cluster(2) as found:
         yield found
 
 
-def made(out: Path, radar: Path, **more: Any) -> pipeline.Report:
+def made(out: Path, radar_file: Path, **more: Any) -> pipeline.Report:
     """40 frames of close targets in seven shards."""
-    return render(None, out, radar=radar, frames=0, points=FRAMES, split="2:1:1", **more)
+    return render(None, out, radar=radar_file, frames=0, points=FRAMES, split="2:1:1", **more)
 
 
 @pytest.fixture(scope="module")
-def reference(tmp_path_factory: pytest.TempPathFactory, radar: Path) -> dict[str, bytes]:
+def reference(tmp_path_factory: pytest.TempPathFactory, radar_file: Path) -> dict[str, bytes]:
     out = tmp_path_factory.mktemp("reference") / "data"
-    made(out, radar)
+    made(out, radar_file)
     return shards(out)
 
 
@@ -70,7 +64,7 @@ def tasks() -> list[psutil.Process]:
 
 
 def test_all_nodes_are_lost_and_replaced(
-    cluster: Any, radar: Path, reference: dict[str, bytes], tmp_path: Path
+    cluster: Any, radar_file: Path, reference: dict[str, bytes], tmp_path: Path
 ) -> None:
     done_frames, lines = list[int](), list[str]()
 
@@ -90,7 +84,7 @@ def test_all_nodes_are_lost_and_replaced(
 
     killed = list[Any]()
     out = tmp_path / "data"
-    report = made(out, radar, engine="ray", address=cluster.address, announce=announce, progress=progress)
+    report = made(out, radar_file, engine="ray", address=cluster.address, announce=announce, progress=progress)
     assert len(killed) == 2
     assert lines[0] == "Ray: 2 nodes to work on"
     assert [line for line in lines[1:] if not re.fullmatch(WAITING, line)] == []
@@ -102,7 +96,7 @@ def test_all_nodes_are_lost_and_replaced(
 
 def test_a_deadly_portion_is_named_and_the_rest_unharmed(
     cluster: Any,
-    radar: Path,
+    radar_file: Path,
     reference: dict[str, bytes],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -114,10 +108,10 @@ def test_a_deadly_portion_is_named_and_the_rest_unharmed(
         patch.setattr(pipeline, "Job", ray_work.DeadlyJob)
         died = rf"^{DEADLY}, frames 3 to 31: three worker processes died of it, its process ended, .*--resume"
         with pytest.raises(RunFailed, match=died):
-            made(out, radar, engine="ray", address=cluster.address, keep_going=True)
+            made(out, radar_file, engine="ray", address=cluster.address, keep_going=True)
     rest = {path: content for path, content in reference.items() if path != DEADLY}
     assert shards(out) == rest
-    report = made(out, radar, resume=True, announce=lines.append)
+    report = made(out, radar_file, resume=True, announce=lines.append)
     assert (report.shards_made, report.shards_kept) == (1, len(rest))
     assert shards(out) == reference
     assert lines == []
@@ -125,12 +119,12 @@ def test_a_deadly_portion_is_named_and_the_rest_unharmed(
 
 
 def test_nothing_outlives_a_command_that_is_killed(
-    cluster: Any, radar: Path, reference: dict[str, bytes], tmp_path: Path
+    cluster: Any, radar_file: Path, reference: dict[str, bytes], tmp_path: Path
 ) -> None:
     """Begun in a command on Ray, killed, finished there."""
     out = tmp_path / "data"
     command = [sys.executable, "-m", "datafactory", "points", "--frames", str(FRAMES), "--split", "2:1:1"]
-    command += ["--radar", str(radar), "--out", str(out), "--engine", "ray", "--address", cluster.address]
+    command += ["--radar", str(radar_file), "--out", str(out), "--engine", "ray", "--address", cluster.address]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     while not (at_work := tasks()):
         assert process.poll() is None, process.communicate()
@@ -140,11 +134,11 @@ def test_nothing_outlives_a_command_that_is_killed(
     assert process.communicate()[1] == ""
     assert not psutil.wait_procs(family, timeout=ENDS_S)[1]
     assert not (out / "manifest.json").exists()
-    made(out, radar, engine="ray", address=cluster.address, workers=1, resume=True)
+    made(out, radar_file, engine="ray", address=cluster.address, workers=1, resume=True)
     assert shards(out) == reference
 
 
-def test_a_ray_of_the_runs_own_is_lost(radar: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_ray_of_the_runs_own_is_lost(radar_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without an address, and no cluster on this machine: it is started, and ends with the run."""
     with tempfile.TemporaryDirectory(prefix="ray-", dir="/tmp") as folder:
         monkeypatch.setenv("RAY_TMPDIR", folder)
@@ -162,12 +156,12 @@ def test_a_ray_of_the_runs_own_is_lost(radar: Path, tmp_path: Path, monkeypatch:
                 raylet.kill()
 
         with pytest.raises(RunFailed, match=r"^--engine ray: the connection to the cluster is lost: .*--resume"):
-            made(tmp_path / "data", radar, engine="ray", progress=progress)
+            made(tmp_path / "data", radar_file, engine="ray", progress=progress)
         assert len(own) > 2
         assert not psutil.wait_procs(own, timeout=ENDS_S)[1]
 
 
-def test_a_node_of_another_version_is_refused(cluster: Any, radar: Path, tmp_path: Path) -> None:
+def test_a_node_of_another_version_is_refused(cluster: Any, radar_file: Path, tmp_path: Path) -> None:
     other = tmp_path / "numpy-1.0.dist-info"
     other.mkdir()
     (other / "METADATA").write_text("Metadata-Version: 2.1\nName: numpy\nVersion: 1.0\n", encoding="utf-8")
@@ -175,7 +169,7 @@ def test_a_node_of_another_version_is_refused(cluster: Any, radar: Path, tmp_pat
     node = add_node(cluster, env_vars={"PYTHONPATH": path})
     try:
         with pytest.raises(InputError, match=r"^--engine: node .*: numpy is 1\.0 there, .* here; expected the same"):
-            made(tmp_path / "data", radar, engine="ray", address=cluster.address)
+            made(tmp_path / "data", radar_file, engine="ray", address=cluster.address)
     finally:
         kill_node(cluster, node)
     assert not (tmp_path / "data").exists()

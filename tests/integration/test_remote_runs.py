@@ -15,33 +15,18 @@ from pathlib import Path
 
 import pytest
 from factory_command import ended
-from s3_server import KEY, SECRET, Server, s3_server, set_credentials
-from small_radar import write_small_radar
+from s3_server import KEY, SECRET, Server
 
 SCENES = Path(__file__).parents[2] / "scenes"
 POINTS = ("points", "--frames", 30, "--seed", 3, "--workers", 1)
 """Five shards."""
 
 
-@pytest.fixture(scope="module")
-def server():
-    with s3_server() as running:
-        yield running
-
-
 @pytest.fixture(autouse=True)
 def surroundings(server: Server, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    set_credentials(monkeypatch)
     (tmp_path / "tmp").mkdir()
     monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
     monkeypatch.setattr("tempfile.tempdir", None)  # read anew
-    yield
-    server.mend()
-
-
-@pytest.fixture(scope="module")
-def radar_file(tmp_path_factory) -> Path:
-    return write_small_radar(tmp_path_factory.mktemp("radar"))
 
 
 @pytest.fixture(scope="module")

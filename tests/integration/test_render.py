@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from factory_command import run, shards
-from small_radar import write_small_radar
+from factory_command import but_made, run, shards
 
 from datafactory.api.asking import order_of
 from datafactory.api.forecasting import forecast
@@ -34,19 +33,9 @@ TINY = SCENES / "tiny.usda"
 TWELVE = ("--frames", 9, "--points", 3, "--workers", 1)
 
 
-@pytest.fixture(scope="module")
-def radar_file(tmp_path_factory) -> Path:
-    return write_small_radar(tmp_path_factory.mktemp("radar"))
-
-
 def rendered(out: Path, radar: Path, *more: object) -> Path:
     run("render", "--scene", TINY, "--radar", radar, "--rays", 4000, "--out", out, *more)
     return out
-
-
-def manifest_but_made(folder: Path) -> dict:
-    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-    return {key: value for key, value in manifest.items() if key != "made"}
 
 
 @pytest.fixture(scope="module")
@@ -77,15 +66,7 @@ def test_shards_have_the_schema_that_was_meant(dataset):
 def test_workers_do_not_change_the_bytes(dataset, radar_file, tmp_path):
     other = rendered(tmp_path / "data", radar_file, *TWELVE[:4], "--workers", 2)
     assert shards(other) == shards(dataset)
-    assert manifest_but_made(other) == manifest_but_made(dataset)
-
-
-def test_another_seed_changes_them(dataset, radar_file, tmp_path):
-    other = rendered(tmp_path / "data", radar_file, "--frames", 2, "--split", "1:0:0", "--seed", 1, "--workers", 1)
-    ours = next(iter(open_dataset(dataset).frames("train")))
-    theirs = next(iter(open_dataset(other).frames("train")))
-    assert ours.sensor_position != theirs.sensor_position
-    assert not np.array_equal(ours.range_channel, theirs.range_channel)
+    assert but_made(other) == but_made(dataset)
 
 
 def test_a_frame_does_not_depend_on_how_many_are_rendered(dataset, radar_file, tmp_path):
@@ -120,7 +101,7 @@ def test_a_killed_run_resumes_to_the_same_bytes(dataset, radar_file, tmp_path, m
         "render", "--scene", TINY, "--radar", radar_file, "--rays", 4000, "--out", out, *TWELVE, "--resume"
     )
     assert shards(out) == shards(dataset)
-    assert manifest_but_made(out) == manifest_but_made(dataset)
+    assert but_made(out) == but_made(dataset)
 
 
 def test_exact_targets_give_the_sum_of_equation_one(radar_file, tmp_path):

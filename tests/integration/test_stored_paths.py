@@ -12,17 +12,11 @@ from pathlib import Path
 import pytest
 from factory_command import run, shards
 from prepared_scenes import SCENES
-from small_radar import write_small_radar
 
 from shared.dataset.folder import open_dataset
 
 MADE_OF = ("brick", "glass", "wood", "plasterboard", "marble")
 """What stands for the bricks of each scene, by its number; some let waves through."""
-
-
-@pytest.fixture
-def radar_file(tmp_path: Path) -> Path:
-    return write_small_radar(tmp_path)
 
 
 @pytest.fixture

@@ -12,17 +12,13 @@ from factory_command import run, shards
 from numpy.typing import NDArray
 from prepared_scenes import SCENES
 from small_radar import write_small_radar
-from typer.testing import CliRunner
 
 from datafactory import Pose, render
-from datafactory.cli.app import app
 from shared.dataset import Frame
 from shared.dataset.folder import open_dataset
-from shared.physics.errors import InputError
 
 ROWS = "time,x,y,z,yaw_deg\n0,-10,0,0.5,0\n0.2,-9,0,0.5,0\n0.4,-8,0,0.5,5\n"
 TINY = str(SCENES / "tiny.usda")
-POSES = str(SCENES / "effects" / "wall.poses.json")
 EFFECTS = "specular,diffuse,doppler,rcs_targets,noise"
 FEW = ("--rays", "500", "--effects", EFFECTS, "--workers", "1")
 
@@ -124,34 +120,6 @@ def test_traffic_moves_on_from_frame_to_frame(files: Path, tmp_path: Path) -> No
     frames = [frame for _, frame in frames_of(tmp_path / "data").values()]
     assert len({frame.sensor_position for frame in frames}) == 1
     assert not np.array_equal(frames[0].image, frames[3].image)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--frame-rate", "5"), "--frame-rate: without --trajectory"),
-        (("--trajectory", "none.csv"), "none.csv: cannot be read: No such file"),
-        (("--trajectory", "drive", "--trajectory", "a.csv"), "--trajectory: 'drive' beside others"),
-        (("--speed", "20"), "--speed: '20'; expected A:B in m/s, e.g. 0:20"),
-        (("--speed", "20:5"), "--speed: 20:5; expected A:B with 0 <= A <= B <= 100 m/s"),
-        (("--speed", "0:5", "--poses", POSES), "--speed: beside --poses, which states them; expected one of them"),
-        (("--speed", "0:nan"), "--speed: 0:nan; expected A:B with 0 <= A <= B <= 100 m/s"),
-        (
-            ("--speed", "0:5", "--trajectory", "drive:speed=5"),
-            "--speed: beside --trajectory drive:speed=, which states",
-        ),
-        (("--trajectory", "drive", "--frame-rate", "0"), "--frame-rate: 0.0; expected 0.001 to 100000 Hz"),
-        (("--trajectory", "drive", "--frames", "0"), "--frames: 0 and --points 0: nothing to render"),
-    ],
-)
-def test_what_is_wrong_is_one_line_and_nothing_is_written(
-    arguments: tuple[str, ...], message: str, tmp_path: Path
-) -> None:
-    result = CliRunner().invoke(app, ["render", TINY, *arguments, "--out", str(tmp_path / "data")])
-    assert result.exit_code != 0
-    said = str(result.exception) if isinstance(result.exception, InputError) else result.output
-    assert message in said
-    assert not (tmp_path / "data").exists()
 
 
 def test_speeds_stand_in_the_manifest_where_they_were_asked_for(files: Path, tmp_path: Path) -> None:

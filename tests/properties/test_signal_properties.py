@@ -12,7 +12,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from oracles import if_cube
+from path_tables import random_table
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths
@@ -53,19 +53,8 @@ def radars(draw: st.DrawFn) -> Radar:
 @st.composite
 def echoes(draw: st.DrawFn, most: int = 12) -> ScatteredPaths:
     """Paths of one and of several bounces, moving, over five decades of amplitude."""
-    count, seed = draw(st.integers(1, most)), draw(st.integers(0, 2**32 - 1))
-    generator = np.random.default_rng(seed)
-    several = generator.uniform(size=count) < 0.5
-    first = generator.uniform(-40.0, 40.0, (count, 3))
-    amplitude = 10.0 ** generator.uniform(-5.0, 0.0, count) * np.exp(2j * np.pi * generator.uniform(size=count))
-    single = ScatteredPaths.of_points(first, generator.uniform(-40.0, 40.0, (count, 3)), amplitude)
-    return replace(
-        single,
-        rx_point=np.where(several[:, None], generator.uniform(-40.0, 40.0, (count, 3)), single.rx_point),
-        rx_velocity=np.where(several[:, None], generator.uniform(-40.0, 40.0, (count, 3)), single.rx_velocity),
-        between_m=np.where(several, generator.uniform(0.0, 30.0, count), 0.0),
-        between_rate_mps=np.where(several, generator.uniform(-40.0, 40.0, count), 0.0),
-    )
+    generator = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    return random_table(generator, draw(st.integers(1, most)), 0, (0.5, 60.0), 100.0, 40.0).scattered
 
 
 def cube_of(paths: ScatteredPaths, radar: Radar) -> NDArray:
@@ -76,12 +65,6 @@ def same(one: NDArray, other: NDArray, paths: ScatteredPaths) -> bool:
     """Whether two cubes agree to twice the tolerance, of what the paths would be without cancellation."""
     scale = np.linalg.norm(paths.amplitude) * np.sqrt(one.size)
     return bool(np.isfinite(one).all() and np.linalg.norm(one - other) <= 2.0 * TOLERANCE * scale)
-
-
-@settings(max_examples=EXAMPLES)
-@given(radars(), echoes())
-def test_the_cube_is_the_float64_sum(radar: Radar, paths: ScatteredPaths) -> None:
-    assert same(cube_of(paths, radar), if_cube(PathTable(paths), radar), paths)
 
 
 @settings(max_examples=EXAMPLES)

@@ -160,11 +160,6 @@ def test_draws_are_independent_and_repeatable(samples) -> None:
     assert (paired.peak, paired.total) == (0.0, 1.0)
 
 
-def test_few_rays_have_more_realisations() -> None:
-    effort = Effort(800_000)
-    assert [effort.count(rays) for rays in (800_000, 100_000, 50_000, 1)] == [4, 8, 16, 16]
-
-
 def settled(order: Order, level_db: float, menu: Menu, said: list[str], folder: Path) -> budget.Budget:
     return budget.settle(
         order, load_materials(None), level_db, menu, said.append, lambda done, total, label: None, folder

@@ -36,29 +36,48 @@ def test_an_interrupted_command_says_how_to_go_on(monkeypatch: pytest.MonkeyPatc
 
 SEED = "123456789012345678901234567890"
 SMALL = "[waveform]\nsamples = 4\nchirps = 2\n"
+POSES = str(SCENES / "effects" / "wall.poses.json")
+TINY = ("render", "shipped:tiny")
+REFUSED = [
+    (("render",), "--scene: missing; expected a scene file or sionna:NAME, or --paths"),
+    ((*TINY, "--paths", "x"), "--scene: given together with --paths; expected either --scene or --paths"),
+    ((*TINY, "--frames", "0"), "--frames: 0 and --points 0: nothing to render; expected at least one frame"),
+    ((*TINY, "--device", "cdua"), "--device: 'cdua'; expected one of auto, cpu, cuda; did you mean 'cuda'"),
+    ((*TINY, "--poses", "nowhere.json"), "nowhere.json: cannot be read"),
+    ((*TINY, "--materials", "nowhere.toml"), "nowhere.toml: "),
+    (("render", "none.usda"), "none.usda: no such file"),
+    (("render", "sionna:atlantis"), "sionna:atlantis: "),
+    ((*TINY, "--frame-rate", "5"), "--frame-rate: without --trajectory"),
+    ((*TINY, "--trajectory", "none.csv"), "none.csv: cannot be read: No such file"),
+    ((*TINY, "--trajectory", "drive", "--trajectory", "a.csv"), "--trajectory: 'drive' beside others"),
+    ((*TINY, "--trajectory", "drive", "--frames", "0"), "--frames: 0 and --points 0: nothing to render"),
+    ((*TINY, "--trajectory", "drive", "--frame-rate", "0"), "--frame-rate: 0.0; expected 0.001 to 100000 Hz"),
+    ((*TINY, "--speed", "20"), "--speed: '20'; expected A:B in m/s, e.g. 0:20"),
+    ((*TINY, "--speed", "20:5"), "--speed: 20:5; expected A:B with 0 <= A <= B <= 100 m/s"),
+    ((*TINY, "--speed", "0:nan"), "--speed: 0:nan; expected A:B with 0 <= A <= B <= 100 m/s"),
+    ((*TINY, "--speed", "0:5", "--poses", POSES), "--speed: beside --poses, which states them; expected one of them"),
+    ((*TINY, "--speed", "0:5", "--trajectory", "drive:speed=5"), "--speed: beside --trajectory drive:speed=, which"),
+    (("points", "--seed", SEED), "Invalid value for '--seed': Input should be less than or equal to"),
+    (("trace", "--scene", "x.usda", "--seed", SEED), "Invalid value for '--seed': Input should be less than"),
+]
+"""What no file of ours is asked for, and the line."""
+FILES = [
+    (("points", "--radar"), "[grid]\nbins = 10000000", "FILE: grid.bins = 10000000; expected"),
+    ((*TINY, "--materials"), "[glass", "FILE: malformed TOML"),
+    (("points", "--workers", "1", "--radar"), f"{SMALL}range_bins = 2", "--radar: waveform.range_bins = 2 leaves no"),
+]
+"""What is asked of a file, its text, and the line."""
 
 
-@pytest.mark.parametrize(
-    ("arguments", "text", "message"),
-    [
-        (["points", "--seed", SEED], "", "Invalid value for '--seed': Input should be less than or equal to"),
-        (["trace", "--scene", "x.usda", "--seed", SEED], "", "Invalid value for '--seed': Input should be less than"),
-        (["points", "--radar", "RADAR"], "[grid]\nbins = 10000000", "RADAR: grid.bins = 10000000; expected"),
-        (["render", "shipped:tiny", "--materials", "RADAR"], "[glass", "RADAR: malformed TOML"),
-        (
-            ["points", "--radar", "RADAR", "--workers", "1"], f"{SMALL}range_bins = 2",
-            "--radar: waveform.range_bins = 2 leaves no room for random close targets; expected at least 3",
-        ),
-    ],
-)  # fmt: skip
-def test_what_no_machine_or_file_holds_is_one_line(
-    tmp_path: Path, arguments: list[str], text: str, message: str
+@pytest.mark.parametrize(("arguments", "text", "message"), [*((given, "", said) for given, said in REFUSED), *FILES])
+def test_what_cannot_be_is_one_line_and_nothing_is_written(
+    tmp_path: Path, arguments: tuple[str, ...], text: str, message: str
 ) -> None:
-    path = tmp_path / "radar.toml"
+    path, out = tmp_path / "file.toml", tmp_path / "out"
     path.write_text(text, encoding="utf-8")
-    given = [str(path) if word == "RADAR" else word for word in arguments]
-    line = refused(*given, "--out", tmp_path / "out")
-    assert line.startswith(f"datafactory: {message.replace('RADAR', str(path))}")
+    line = refused(*arguments, *([path] if text else []), "--out", out)
+    assert line.startswith(f"datafactory: {message.replace('FILE', str(path))}")
+    assert not out.exists() or "close targets" in line  # is found as the first frame is made
 
 
 def test_a_virtual_sensor_of_one_element_has_no_lobe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -207,13 +207,6 @@ def test_a_name_that_does_not_exist_is_refused(text: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_one_effect_is_added_or_taken_away() -> None:
-    few = EffectSet.of({"diffuse", "noise"})
-    assert few.with_also("doppler").names == ("diffuse", "doppler", "noise")
-    assert few.without("noise").names == ("diffuse",)
-    assert few.with_also("noise") == few
-
-
 def test_each_path_effect_sets_one_field_of_the_trace() -> None:
     settings = ChainSettings(trace=TraceSettings(rays=7, depth=3, polarization=("V", "H")))
     everything = ALL.settings(settings).trace

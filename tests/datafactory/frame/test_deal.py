@@ -28,7 +28,6 @@ from datafactory.scenes.ground import free_ground
 from datafactory.scenes.poses import Pose, sample_pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
-from shared.dataset.folder import SPLITS
 from shared.physics.errors import InputError
 from shared.radar import Radar
 
@@ -115,14 +114,6 @@ def test_point_frames_follow_the_scene_frames() -> None:
         deal.frame(8)
     with pytest.raises(ValueError, match="a points frame; expected a scene frame"):
         _ = deal.frame(6).where
-
-
-def test_the_place_of_a_frame_is_its_row_in_its_split() -> None:
-    deal = Deal(pattern="2:1:1", scenes=1, frames=11)
-    rows: dict[str, list[int]] = {split: [] for split in SPLITS}
-    for frame_id, split in enumerate(deal.splits()):
-        assert deal.place_of(frame_id) == (split, len(rows[split]))
-        rows[split].append(frame_id)
 
 
 @pytest.mark.parametrize(

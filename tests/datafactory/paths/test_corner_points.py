@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from corner_scenes import HERE, always, cross_section_dbsm, level_db, received
+from oracles import corner_area
 from sionna_scenes import WAVELENGTH_M, box, mesh, plate, scene_of, slabs
 
 from datafactory.paths.corner_point_echoes import CornerPointEchoes
@@ -67,45 +68,15 @@ def test_on_axis_far_away_it_has_its_cross_section(legs_m, square, factor):
     assert abs(section_dbsm(trihedral(200.0, legs_m, square), 200.0) - expected) < 0.3
 
 
-def aperture_by_rays(objects, distance_m: float, spacing_m: float = 5e-4) -> float:
-    """Area [m^2] across the x axis of the rays that meet all three faces and come back, followed face by face."""
-    corners = [item.vertices[item.triangles] for item in objects]
-    size = max(np.abs(part[..., 1:]).max() for part in corners)
-    steps = np.arange(-size, size, spacing_m) + 0.5 * spacing_m
-    y, z = (part.ravel() for part in np.meshgrid(steps, steps))
-    point = np.stack([np.zeros_like(y), y, z], axis=1)
-    direction = np.tile([1.0, 0.0, 0.0], (len(y), 1))
-    left = np.ones((len(y), 3), dtype=bool)
-    alive = np.ones(len(y), dtype=bool)
-    for _ in range(3):
-        nearest, which = np.full(len(y), np.inf), np.full(len(y), -1)
-        for number, part in enumerate(corners):
-            for a, b, c in part:
-                normal = np.cross(b - a, c - a)
-                with np.errstate(divide="ignore", invalid="ignore"):
-                    away = ((a - point) @ normal) / (direction @ normal)
-                    hit = point + away[:, None] * direction
-                    inside = np.ones(len(y), dtype=bool)
-                    for p, q in ((a, b), (b, c), (c, a)):
-                        inside &= np.cross(q - p, hit - p) @ normal >= 0.0
-                good = inside & (away > 1e-9) & (away < nearest) & left[:, number]
-                nearest[good], which[good] = away[good], number
-        alive &= which >= 0
-        hit_face = np.maximum(which, 0)
-        point = point + np.where(alive, nearest, 0.0)[:, None] * direction
-        normals = np.array([np.cross(part[0, 1] - part[0, 0], part[0, 2] - part[0, 0]) for part in corners])
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        n = normals[hit_face]
-        direction = direction - 2.0 * np.einsum("ki,ki->k", direction, n)[:, None] * n
-        left[np.arange(len(y)), hit_face] = False
-    return float(alive.sum()) * spacing_m**2
-
-
 @pytest.mark.parametrize("square", [False, True], ids=["triangular", "square"])
 @pytest.mark.parametrize(("yaw_deg", "pitch_deg"), [(0.0, 0.0), (12.0, 0.0), (-8.0, 9.0)])
 def test_off_axis_its_aperture_is_that_of_the_rays_that_come_back(square, yaw_deg, pitch_deg):
-    objects = trihedral(500.0, 0.1, square, rotated(yaw_deg, pitch_deg))
-    area = aperture_by_rays(objects, 500.0)
+    turn, reach = rotated(yaw_deg, pitch_deg), np.max if square else np.sum
+    objects = trihedral(500.0, 0.1, square, turn)
+    cosines = AXIS @ turn.T @ [-1.0, 0.0, 0.0]
+    area = corner_area(
+        np.eye(3), lambda _, p: (p >= -1e-9).all(axis=1) & (reach(p, axis=1) <= 0.1), cosines, extent=0.2, count=800
+    )
     expected = 10.0 * np.log10(4.0 * np.pi * area**2 / WAVELENGTH_M**2)
     assert abs(section_dbsm(objects, 500.0) - expected) < 0.3
 

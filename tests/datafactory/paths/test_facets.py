@@ -91,12 +91,6 @@ def test_pieces_with_shifted_joints_are_one_mirror():
     assert share(*upper, *lower) == pytest.approx(share(plate((-0.2, 0.2), (-0.1, 0.1))), abs=1e-9)
 
 
-def test_a_moving_piece_is_no_part_of_a_mirror_at_rest():
-    still, moving = plate((-0.1, 0.0), (-0.1, 0.1)), plate((0.0, 0.1), (-0.1, 0.1))
-    moving = mesh(moving.vertices, moving.triangles, velocity=(1.0, 0.0, 0.0))
-    assert share(still, moving) == pytest.approx(share(still))
-
-
 def boundary_of(mirrors: Mirrors, triangle: int) -> np.ndarray:
     """The slow way: every triangle is held against this one's plane, every edge against all others."""
     normal, origin = mirrors.normals[triangle], mirrors.corners[triangle, 0]

@@ -14,39 +14,26 @@ from curved_bodies import tube
 from mirrored_scenes import (
     ASPHALT,
     METAL,
-    WAVELENGTH_M,
     echoes,
     fresnel,
     ground,
     level_db,
     point,
+    two_rays_db,
 )
 from numpy.typing import NDArray
 from oracles import mirrored, scattered_delays
-from sionna_scenes import plate
+from sionna_scenes import WAVELENGTH_M, plate
 
 from datafactory.frame.measurement import object_targets
 from datafactory.paths.mirrors import points_of_reflection
 from datafactory.paths.table import SPECULAR, TARGET
-from datafactory.scenes.materials.table import Material
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, SceneObject
 from datafactory.scenes.targets.bodies import Sphere, Trihedral
-from datafactory.scenes.targets.models import Car, Pedestrian
 from shared.radar import Radar
 
 pytestmark = pytest.mark.usefixtures("variant")
-
-
-def two_rays_db(material: Material, range_m: NDArray, radar_m: float, target_m: float, polarization: str) -> NDArray:
-    """Level of a target of 0 dBsm over a smooth or rough plane by the two-ray model, one-way fields squared [dB]."""
-    direct = np.hypot(range_m, target_m - radar_m)
-    bounced = np.hypot(range_m, target_m + radar_m)
-    gamma = fresnel(material, (target_m + radar_m) / bounced, polarization)
-    gamma = gamma * np.sqrt(1.0 - material.scattering_coefficient**2)
-    wavenumber = 2.0 * np.pi / WAVELENGTH_M
-    field = np.exp(-1j * wavenumber * direct) / direct + gamma * np.exp(-1j * wavenumber * bounced) / bounced
-    return 20.0 * np.log10(WAVELENGTH_M / (4.0 * np.pi) ** 1.5 * np.abs(field) ** 2)
 
 
 def swept(of: str, range_m: NDArray, radar_m: float, target_m: float, polarization: str) -> NDArray:
@@ -279,17 +266,6 @@ def test_a_models_aspect_is_that_towards_the_bisector() -> None:
     twice = paths.take(paths.depth == 3)
     # Seen from the image of the radar, 0.5 m under the ground, the nearest point of the sphere.
     np.testing.assert_allclose(np.linalg.norm(twice.tx_point), np.hypot(10.0, 1.1) - 0.2, atol=1e-9)
-
-
-def test_many_targets_and_their_points_keep_their_owners() -> None:
-    targets = [
-        PointTarget("car", (15.0, -3.0, 0.0), 11.25, model=Car()),
-        PointTarget("post", (12.0, 1.0, 0.4), 0.0),
-        PointTarget("human", (9.0, 2.0, 0.0), -1.4, model=Pedestrian()),
-    ]
-    paths, table = echoes([ground("asphalt")], targets, Pose((0.0, 0.0, 0.5)))
-    names = np.array(table.objects)[paths.object_index]
-    assert {name: int((names == name).sum()) for name in ("car", "post", "human")} == {"car": 20, "post": 4, "human": 4}
 
 
 def test_points_of_reflection_are_those_of_mirror_images(generator: np.random.Generator) -> None:

@@ -8,15 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from oracles import mirror_path, mirrored
-from sionna_scenes import plate, scene_of
+from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, plate, scene_of
 from traced_walls import (
-    FREQUENCY_HZ,
     SCATTERING,
-    WAVELENGTH_M,
     WholeSphere,
     decibels,
     power,
-    rectangle,
     side_wall,
     solved,
     traced,
@@ -66,8 +63,8 @@ def test_the_order_in_which_the_solver_returns_paths_does_not_matter(monkeypatch
 
 
 def test_merged_objects_keep_their_names():
-    left = rectangle("left", (8.0, 2.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), "rough")
-    right = rectangle("right", (8.0, -2.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), "rough")
+    left = plate("left", (8.0, 2.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), "rough")
+    right = plate("right", (8.0, -2.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), "rough")
     table = traced(right, left, rays=5_000)
     names = np.array(table.objects)[table.scattered.object_index]
     side = table.scattered.rx_point[:, 1]
@@ -84,15 +81,15 @@ def test_an_empty_view_is_an_empty_table():
 
 
 def test_a_small_mirror_is_found_without_a_ray_on_it():
-    plate = rectangle("plate", (50.0, 0.0, 0.0), (0.0, 0.01, 0.0), (0.0, 0.0, 0.01), "mirror")
-    table = traced(plate, rays=10)
+    small = plate("plate", (50.0, 0.0, 0.0), (0.0, 0.01, 0.0), (0.0, 0.0, 0.01), "mirror")
+    table = traced(small, rays=10)
     assert len(table.specular) == 1
     # A plate much smaller than the Fresnel zone: sigma = 4 pi A^2 / lambda^2, so that |a| = A / (4 pi R^2).
     assert abs(table.specular.amplitude[0]) == pytest.approx(0.02**2 / (4.0 * np.pi * 50.0**2), rel=2e-3)
 
 
 def test_a_hidden_mirror_is_counted_and_not_heard():
-    blind = rectangle("blind", (5.0, 0.0, 0.0), (0.3, 1.0, 0.0), (0.0, 0.0, 1.0), "concrete")
+    blind = plate("blind", (5.0, 0.0, 0.0), (0.3, 1.0, 0.0), (0.0, 0.0, 1.0), "concrete")
     table = traced(wall("mirror"), blind)
     assert len(table.specular) == 0
     assert table.counts["mirrors_hidden"] == 1
@@ -117,7 +114,7 @@ def test_three_mirrors_are_followed_from_two_bounces_on(depth, settings):
 
 
 def test_what_is_scattered_keeps_to_the_bounces_asked_for():
-    rough = (wall("rough", AHEAD_M), rectangle("side", (5.0, 6.0, 0.0), (5.0, 0.0, 0.0), (0.0, 0.0, 9.0), "rough"))
+    rough = (wall("rough", AHEAD_M), plate("side", (5.0, 6.0, 0.0), (5.0, 0.0, 0.0), (0.0, 0.0, 9.0), "rough"))
     one, two, three = (traced(*rough, WALLS[1], depth=depth, rays=4_000) for depth in (1, 2, 3))
     assert one.scattered.depth.max() == 1
     assert two.scattered.depth.max() == 2
@@ -145,7 +142,7 @@ def test_motion_of_wall_and_radar_appears_in_the_doppler(kind):
     moving = [traced(wall(kind, half_m=0.5, velocity=(speed, 0.0, 0.0)), rays=5_000) for speed in (-6.0, 3.0)]
     driving = [
         traced(wall(kind, half_m=0.5), pose=Pose((0.0, 0.0, 0.0), velocity=(5.0, 0.0, 0.0)), rays=5_000),
-        traced(rectangle("wall", *LEFT_WALL, kind), pose=Pose((0.0, 0.0, 0.0), 90.0, velocity=(0.0, 5.0, 0.0)),
+        traced(plate("wall", *LEFT_WALL, kind), pose=Pose((0.0, 0.0, 0.0), 90.0, velocity=(0.0, 5.0, 0.0)),
                rays=5_000),
     ]  # fmt: skip
     found = [peak_velocity(table) for table in (*moving, *driving)]
@@ -298,8 +295,8 @@ def test_two_mirrors_show_their_images():
     # 70 deg between the walls (a right angle sends the radar's own echo through the very edge); both orders of bounces.
     slope = np.array([-np.sin(np.radians(70.0)), -np.cos(np.radians(70.0)), 0.0])
     corner = np.array([10.0, 6.0, 0.0])
-    ahead = rectangle("ahead", (10.0, -4.0, 0.0), (0.0, 10.0, 0.0), (0.0, 0.0, 10.0), "mirror")
-    side = rectangle("side", tuple(corner + 10.0 * slope), tuple(10.0 * slope), (0.0, 0.0, 10.0), "mirror")
+    ahead = plate("ahead", (10.0, -4.0, 0.0), (0.0, 10.0, 0.0), (0.0, 0.0, 10.0), "mirror")
+    side = plate("side", tuple(corner + 10.0 * slope), tuple(10.0 * slope), (0.0, 0.0, 10.0), "mirror")
     planes = [(corner, np.array([1.0, 0.0, 0.0])), (corner, np.cross(slope, [0.0, 0.0, 1.0]))]
     origin = np.zeros(3)
     images = [mirrored(mirrored(origin, one), other) for one, other in (planes, planes[::-1])]

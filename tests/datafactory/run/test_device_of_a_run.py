@@ -26,6 +26,10 @@ from datafactory.run.memory import processes
 from datafactory.run.pipeline import Report
 from datafactory.synthesis import cube
 from shared.physics.errors import InputError
+from shared.radar import Radar
+from shared.radar.waveform import Waveform
+
+SHORT = Radar(waveform=Waveform(chirps=16, samples=128, range_bins=100))
 
 
 @pytest.fixture
@@ -44,7 +48,15 @@ def points(
 ) -> Report:
     """Frames of point targets, which need no Mitsuba."""
     return making.render(
-        None, out, frames=0, points=frames, device=device, resume=resume, workers=workers, announce=announce
+        None,
+        out,
+        frames=0,
+        points=frames,
+        radar=SHORT,
+        device=device,
+        resume=resume,
+        workers=workers,
+        announce=announce,
     )
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from factory_command import run, shards
+from factory_command import but_made, run, shards
 from hypothesis import given
 from hypothesis import strategies as st
-from small_radar import SMALL_RADAR, write_small_radar
+from small_radar import SMALL_RADAR
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
@@ -28,27 +28,22 @@ from shared.physics.errors import InputError
 JOBS = 3
 
 
-@pytest.fixture(scope="module")
-def radar(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_small_radar(tmp_path_factory.mktemp("radar"))
-
-
-def points(out: Path, radar: Path, *more: object) -> str:
-    return run("points", "--frames", 40, "--split", "2:1:1", "--radar", radar, "--out", out, "--workers", 1, *more)
+def points(out: Path, radar_file: Path, *more: object) -> str:
+    return run("points", "--frames", 40, "--split", "2:1:1", "--radar", radar_file, "--out", out, "--workers", 1, *more)
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory, radar: Path) -> Path:
+def whole(tmp_path_factory: pytest.TempPathFactory, radar_file: Path) -> Path:
     out = tmp_path_factory.mktemp("whole") / "data"
-    points(out, radar)
+    points(out, radar_file)
     return out
 
 
 @pytest.fixture(scope="module")
-def made_once(tmp_path_factory: pytest.TempPathFactory, radar: Path) -> Path:
+def made_once(tmp_path_factory: pytest.TempPathFactory, radar_file: Path) -> Path:
     out = tmp_path_factory.mktemp("jobs")
     for number in range(JOBS):
-        points(out, radar, "--shard", f"{number}/{JOBS}")
+        points(out, radar_file, "--shard", f"{number}/{JOBS}")
     return out
 
 
@@ -56,10 +51,6 @@ def made_once(tmp_path_factory: pytest.TempPathFactory, radar: Path) -> Path:
 def jobs(made_once: Path, tmp_path: Path) -> Path:
     """A copy that a test may damage."""
     return Path(shutil.copytree(made_once, tmp_path / "jobs"))
-
-
-def but_made(folder: Path) -> dict[str, Any]:
-    return {name: value for name, value in read_manifest(folder).items() if name != "made"}
 
 
 def require_same(merged: Path, whole: Path) -> None:
@@ -118,7 +109,7 @@ def test_where_no_link_can_be_made_shards_are_copied(
     assert "MB have to be copied there; expected another disk" in refused(jobs, tmp_path / "again")
 
 
-def test_missing_frames_are_named_with_the_jobs_that_owe_them(jobs: Path, radar: Path, tmp_path: Path) -> None:
+def test_missing_frames_are_named_with_the_jobs_that_owe_them(jobs: Path, radar_file: Path, tmp_path: Path) -> None:
     first, second, _ = sorted(jobs.iterdir())
     owed = sorted(frame.frame_id for split in ("train", "validation", "test") if split in open_dataset(second).splits
                   for frame in open_dataset(second).frames(split))  # fmt: skip
@@ -134,11 +125,11 @@ def test_missing_frames_are_named_with_the_jobs_that_owe_them(jobs: Path, radar:
     assert "no job in it is finished" in refused(jobs, tmp_path / "merged")
 
 
-def test_an_array_that_was_cut_anew_fills_the_gaps(jobs: Path, radar: Path, whole: Path, tmp_path: Path) -> None:
+def test_an_array_that_was_cut_anew_fills_the_gaps(jobs: Path, radar_file: Path, whole: Path, tmp_path: Path) -> None:
     """Job 1 of 3 is lost; two of seven smaller ones have its frames, and one has frames that job 0 made as well."""
     shutil.rmtree(jobs / "job-1-of-3")
     for number in (0, 1, 4):
-        points(jobs, radar, "--shard", f"{number}/7")
+        points(jobs, radar_file, "--shard", f"{number}/7")
     run("merge", jobs, "--out", tmp_path / "merged")
     require_same(tmp_path / "merged", whole)
 
@@ -151,11 +142,11 @@ def test_an_array_that_was_cut_anew_fills_the_gaps(jobs: Path, radar: Path, whol
     ],
 )
 def test_jobs_with_other_arguments_are_refused(
-    more: tuple[object, ...], names: str, jobs: Path, radar: Path, tmp_path: Path
+    more: tuple[object, ...], names: str, jobs: Path, radar_file: Path, tmp_path: Path
 ) -> None:
     shutil.rmtree(jobs / "job-1-of-3")
-    (other := tmp_path / radar.name).write_text(SMALL_RADAR.replace("chirps = 8", "chirps = 6"), encoding="utf-8")
-    points(jobs, radar, "--shard", "1/3", *(other if item == "OTHER" else item for item in more))
+    (other := tmp_path / radar_file.name).write_text(SMALL_RADAR.replace("chirps = 8", "chirps = 6"), encoding="utf-8")
+    points(jobs, radar_file, "--shard", "1/3", *(other if item == "OTHER" else item for item in more))
     line = refused(jobs, tmp_path / "merged")
     assert line.startswith(f"{jobs / 'job-1-of-3'}: {names}")
     assert line.endswith("expected jobs with the same arguments but --shard")
@@ -167,7 +158,9 @@ def flipped(path: Path) -> None:
     path.write_bytes(content)
 
 
-def test_damaged_shards_are_named_and_nothing_is_merged(jobs: Path, whole: Path, radar: Path, tmp_path: Path) -> None:
+def test_damaged_shards_are_named_and_nothing_is_merged(
+    jobs: Path, whole: Path, radar_file: Path, tmp_path: Path
+) -> None:
     flipped(damaged := jobs / "job-0-of-3" / "validation" / "part-00000.parquet")
     (gone := jobs / "job-2-of-3" / "train" / "part-00002.parquet").unlink()
     line = refused(jobs, tmp_path / "merged")
@@ -175,7 +168,7 @@ def test_damaged_shards_are_named_and_nothing_is_merged(jobs: Path, whole: Path,
     assert f"expected {jobs / 'job-0-of-3'} removed and job 0/3 run again" in line
     for number in (0, 2):
         shutil.rmtree(jobs / f"job-{number}-of-3")
-        points(jobs, radar, "--shard", f"{number}/3")
+        points(jobs, radar_file, "--shard", f"{number}/3")
     run("merge", jobs, "--out", tmp_path / "merged")
     require_same(tmp_path / "merged", whole)
 
@@ -230,10 +223,10 @@ def test_what_holds_no_jobs_is_refused(kind: str, whole: Path, tmp_path: Path) -
     assert expected[kind] in refused(folder, tmp_path / "merged")
 
 
-def test_a_job_is_not_taken_for_the_whole_run(jobs: Path, radar: Path) -> None:
+def test_a_job_is_not_taken_for_the_whole_run(jobs: Path, radar_file: Path) -> None:
     """Nor the whole run, in its folder, for the job."""
     with pytest.raises(InputError, match=r"--resume: shard is nothing, but the run in .* had '0/3'"):
-        points(jobs / "job-0-of-3", radar, "--resume")
+        points(jobs / "job-0-of-3", radar_file, "--resume")
 
 
 def test_ranges() -> None:

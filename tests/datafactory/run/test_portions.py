@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from factory_command import but_made, shards
 from sionna_scenes import box
-from small_radar import write_small_radar
 
 from datafactory import Report, RunFailed, render
 from datafactory.frame.deal import split_of
@@ -30,20 +28,12 @@ FRAMES = 21
 """In five shards: 8, 8, 1 of training, 2 and 2."""
 
 
-@pytest.fixture(scope="module")
-def radar(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_small_radar(tmp_path_factory.mktemp("radar"))
+def made(out: Path, radar_file: Path, **more: object) -> Report:
+    return render(None, out, radar=radar_file, frames=0, points=FRAMES, **more)  # type: ignore[arg-type]
 
 
-def made(out: Path, radar: Path, **more: object) -> Report:
-    return render(None, out, radar=radar, frames=0, points=FRAMES, **more)  # type: ignore[arg-type]
-
-
-def contents(folder: Path) -> tuple[dict[str, str], dict[str, object]]:
-    """Hashes of the shards, and the manifest but for what may differ."""
-    shards = {str(path.relative_to(folder)): path.read_bytes() for path in folder.glob("*/*.parquet")}
-    manifest = {**json.loads((folder / "manifest.json").read_text()), "made": None}
-    return {name: hashlib.sha256(content).hexdigest() for name, content in shards.items()}, manifest
+def require_same(folder: Path, whole: Path) -> None:
+    assert (shards(folder), but_made(folder)) == (shards(whole), but_made(whole))
 
 
 def cut(monkeypatch: pytest.MonkeyPatch, by: Callable[[Sequence[Portion]], Sequence[Portion]], workers: int) -> None:
@@ -75,22 +65,24 @@ def test_a_shard_is_cut_evenly() -> None:
     assert sizes == [[4, 4], [4, 4] * 5]  # not 6 and 2
 
 
-def test_no_byte_depends_on_how_shards_are_cut(radar: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made(tmp_path / "whole", radar)
+def test_no_byte_depends_on_how_shards_are_cut(
+    radar_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made(tmp_path / "whole", radar_file)
     for name, by, workers in (("small", list, 100), ("backwards", lambda dealt: dealt[::-1], 3)):
         with monkeypatch.context() as patch:
             cut(patch, by, workers)
-            made(tmp_path / name, radar)
-        assert contents(tmp_path / name) == contents(tmp_path / "whole")
+            made(tmp_path / name, radar_file)
+        require_same(tmp_path / name, tmp_path / "whole")
 
 
 def test_rows_wait_in_files_for_the_rest_of_their_shard_alone(
-    radar: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    radar_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out, waiting = tmp_path / "data", list[int]()
     cut(monkeypatch, list, 100)
     monkeypatch.setattr(portions, "record_finished", lambda *_: waiting.append(len(list(out.rglob("*.arrow")))))
-    made(out, radar)
+    made(out, radar_file)
     assert waiting == [8, 8, 1, 2, 2]
 
 
@@ -107,7 +99,7 @@ class Deadly(ThisProcess[Portion, Rows]):
 
 @pytest.mark.parametrize("keep_going", [False, True])
 def test_a_deadly_portion_is_named_and_only_its_shard_is_owed(
-    keep_going: bool, radar: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    keep_going: bool, radar_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "data"
     with monkeypatch.context() as patch:
@@ -115,13 +107,13 @@ def test_a_deadly_portion_is_named_and_only_its_shard_is_owed(
         patch.setattr(Local, "pool", lambda self, work, count, workers: Deadly(work))
         died = r"^train/part-00000\.parquet, frames 8 to 9: three worker processes died of it, .* --resume, and fewer"
         with pytest.raises(RunFailed, match=died):
-            made(out, radar, keep_going=keep_going)
+            made(out, radar_file, keep_going=keep_going)
     there = sorted(str(path.relative_to(out)) for path in out.glob("*/*.parquet"))
     assert len(there) == (4 if keep_going else 0)
     assert not list(out.rglob("*.arrow"))
-    assert made(out, radar, resume=True).shards_kept == len(there)
-    made(tmp_path / "whole", radar)
-    assert contents(out) == contents(tmp_path / "whole")
+    assert made(out, radar_file, resume=True).shards_kept == len(there)
+    made(tmp_path / "whole", radar_file)
+    require_same(out, tmp_path / "whole")
 
 
 def test_rows_of_a_run_that_was_killed_are_gone(tmp_path: Path) -> None:

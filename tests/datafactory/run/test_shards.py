@@ -1,13 +1,12 @@
 """Shards on disk: plans, complete files only, and a killed run that ends in the same bytes."""
 
 import hashlib
-import resource
 import tempfile
 from pathlib import Path
 
-import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from small_dataset import PEAKS, RADAR, make_frame
 
 from datafactory.frame.deal import split_of
 from datafactory.run import progress
@@ -16,34 +15,12 @@ from datafactory.run.shards import (
     plan_shards,
     write_shard,
 )
-from shared.dataset import Frame, arrow_schema, description
+from shared.dataset import arrow_schema, description
 from shared.dataset.reading import read_frames
 from shared.physics.errors import InputError
-from shared.radar import ImageGrid, Radar
-from shared.radar.arrays import AntennaArray, line
-from shared.radar.waveform import Waveform
 
-RADAR = Radar(
-    waveform=Waveform(chirps=2, samples=8, range_bins=6),
-    array=AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(2e-3 * np.arange(4))),
-    grid=ImageGrid(bins=20),
-    virtual_sensor=AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(2e-3 * np.arange(8))),
-)
-SCHEMA = arrow_schema(description(RADAR, 1, "range-channel"))
+SCHEMA = arrow_schema(description(RADAR, PEAKS, "range-channel"))
 ARGUMENTS = {"scene": ["sionna:munich"], "frames": 20, "seed": 7, "budget": -30.0}
-
-
-def make_frame(frame_id: int) -> Frame:
-    generator = np.random.default_rng(frame_id)
-    pairs = generator.standard_normal((1, 6, 4, 2)).astype(np.float32)
-    return Frame(
-        frame_id, "points", "none", frame_id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0),
-        range_channel=pairs.view(np.complex64)[..., 0],
-        velocity=np.zeros((1, 6), np.float32),
-        image=generator.random((6, 20), np.float32),
-        image_peak=1.0,
-        noise_power=2.0,
-    )  # fmt: skip
 
 
 def make_dataset(directory: Path, resume: bool = False, arguments: dict = ARGUMENTS, stop_after: int = 99) -> list[str]:
@@ -117,33 +94,6 @@ def test_a_shard_is_what_its_record_says(tmp_path):
     assert [frame.frame_id for frame in read_frames(path)] == [4, 5, 6]
     assert pq.read_metadata(path).num_row_groups == 3
     assert pq.read_schema(path).equals(SCHEMA, check_metadata=True)
-
-
-def test_a_full_disk_leaves_nothing_behind(tmp_path):
-    path = tmp_path / "train/part-00000.parquet"
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
-    try:
-        with pytest.raises(OSError, match="File too large"):
-            write_shard(path, map(make_frame, range(50)), SCHEMA)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    assert contents(tmp_path) == {}
-
-
-def test_a_frame_that_fails_leaves_the_old_shard_and_nothing_else(tmp_path):
-    def frames():
-        yield make_frame(1)
-        raise RuntimeError("the solver failed")
-
-    path = tmp_path / "train/part-00000.parquet"
-    path.parent.mkdir()
-    path.write_bytes(b"old")
-    with pytest.raises(RuntimeError, match="the solver failed"):
-        write_shard(path, frames(), SCHEMA)
-    with pytest.raises(ValueError, match="no frames"):
-        write_shard(path, [], SCHEMA)
-    assert contents(tmp_path) == {"train/part-00000.parquet": b"old"}
 
 
 def test_a_finished_dataset_is_not_made_again(tmp_path):

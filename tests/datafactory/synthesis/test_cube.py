@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from oracles import if_cube, relative_error
+from path_tables import random_table
 
-from datafactory.paths.table import SPECULAR, PathTable, ScatteredPaths, SpecularPaths
+from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.sorting import FLOAT32_TOLERANCE
 from shared.radar import Radar
@@ -19,53 +18,6 @@ from shared.radar.waveform import Waveform
 
 # The tolerance is a promise; a second or two of hypothesis examples is enough to break a false one.
 PROPERTY = settings(max_examples=40)
-
-
-def random_reflection(generator: np.random.Generator) -> np.ndarray:
-    """[3, 3] a product of one to three mirrors."""
-    axes = np.eye(3)
-    for _ in range(generator.integers(1, 4)):
-        normal = generator.normal(size=3)
-        normal /= np.linalg.norm(normal)
-        axes = axes - 2.0 * np.outer(normal, normal @ axes)
-    return axes
-
-
-def random_table(
-    generator: np.random.Generator,
-    scattered: int,
-    specular: int,
-    limits_m: tuple[float, float],
-    span_db: float,
-    speed: float,
-) -> PathTable:
-    """Paths of all kinds: single and multiple bounces, images behind mirrors, over a range of distances and powers."""
-
-    def points(count: int) -> np.ndarray:
-        direction = generator.normal(size=(count, 3))
-        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-        return direction * np.exp(generator.uniform(np.log(limits_m[0]), np.log(limits_m[1]), count))[:, None]
-
-    def amplitudes(count: int) -> np.ndarray:
-        level = 10.0 ** (-span_db / 20.0 * generator.uniform(0.0, 1.0, count))
-        return level * np.exp(2j * np.pi * generator.uniform(size=count))
-
-    def velocities(count: int) -> np.ndarray:
-        return speed * generator.uniform(-1.0, 1.0, (count, 3))
-
-    paths = ScatteredPaths.of_points(points(scattered), velocities(scattered), amplitudes(scattered))
-    # Every second path bounces more than once: another point at the RX's end, and a length between.
-    multiple = np.arange(scattered) % 2 == 1
-    paths = replace(
-        paths,
-        rx_point=np.where(multiple[:, None], points(scattered), paths.tx_point),
-        rx_velocity=np.where(multiple[:, None], velocities(scattered), paths.tx_velocity),
-        between_m=np.where(multiple, generator.uniform(0.0, 20.0, scattered), 0.0),
-        between_rate_mps=np.where(multiple, speed * generator.uniform(-1.0, 1.0, scattered), 0.0),
-    )
-    image, velocity, owner = 2.0 * points(specular), velocities(specular), np.full(specular, -1, dtype=np.int32)
-    axes = np.array([random_reflection(generator) for _ in range(specular)]).reshape(specular, 3, 3)
-    return PathTable(paths, SpecularPaths.of(image, velocity, axes, amplitudes(specular), owner, SPECULAR))
 
 
 def small_arrays() -> list[AntennaArray]:
@@ -129,12 +81,6 @@ def test_virtual_sensor_keeps_its_tolerance(tolerance, video_phase):
     assert relative_error(cube, if_cube(table, radar, radar.virtual_sensor)) <= tolerance
 
 
-def test_more_paths_than_a_chunk(small_radar):
-    radar = small_radar(samples=32, chirps=2)
-    table = random_table(np.random.default_rng(9), 301, 20, (1.0, 30.0), 40.0, 10.0)
-    assert relative_error(cube_of_paths(table, radar), if_cube(table, radar)) <= 1e-6
-
-
 @example(speed=0.0)
 @given(speed=st.sampled_from([1e-300, 1e-30]))
 @settings(max_examples=3)
@@ -173,11 +119,3 @@ def test_a_tolerance_beyond_float64_is_refused(small_radar):
     for tolerance in (1e-12, 0.0, float("nan")):
         with pytest.raises(ValueError, match="expected at least 1e-11"):
             cube_of_paths(table, small_radar(chirps=1), tolerance)
-
-
-def test_an_empty_table_is_a_silent_cube(small_radar):
-    radar = small_radar(chirps=3)
-    table = random_table(np.random.default_rng(1), 0, 0, (1.0, 9.0), 0.0, 0.0)
-    cube = cube_of_paths(table, radar)
-    assert cube.shape == (3, 64, 48)
-    assert not cube.any()

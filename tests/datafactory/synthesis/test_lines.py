@@ -6,41 +6,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from oracles import if_cube, relative_error
+from path_tables import radar_of, random_table
 
-from datafactory.paths.table import SPECULAR, PathTable, ScatteredPaths, SpecularPaths
+from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths, cube_of_sorted
 from datafactory.synthesis.motion import centre, left_out, motion_of, reach_m
 from datafactory.synthesis.sorting import ORDERS, PathsAlongLines, SortedPaths, line_sets, sorted_paths
 from shared.radar import Radar
-from shared.radar.arrays import AntennaArray, line, virtual_sensor_256
-from shared.radar.waveform import Waveform
-
-SMALL = AntennaArray(tx_m=line(np.array([-0.05, -0.046])), rx_m=line(np.array([-0.045, 0.003, 0.045])))
-
-
-def radar_of(samples: int = 128, chirps: int = 128, array: AntennaArray = SMALL, **waveform) -> Radar:
-    """Chirps of a frame of 10.3 ms, as the default's."""
-    interval = {"chirp_interval_s": 128 * 80.6e-6 / chirps} | waveform
-    return Radar(waveform=Waveform(samples=samples, range_bins=samples, chirps=chirps, **interval), array=array)
+from shared.radar.arrays import virtual_sensor_256
 
 
 def moving(count: int, speed: float, limits_m: tuple[float, float], seed: int = 1) -> PathTable:
-    """Single bounces around, and moving mirror images."""
-    generator = np.random.default_rng(seed)
-
-    def points(number: int) -> np.ndarray:
-        direction = generator.normal(size=(number, 3))
-        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-        return direction * np.exp(generator.uniform(np.log(limits_m[0]), np.log(limits_m[1]), number))[:, None]
-
-    def phases(number: int) -> np.ndarray:
-        return np.exp(2j * np.pi * generator.uniform(size=number))
-
-    scattered = ScatteredPaths.of_points(points(count), speed * generator.uniform(-1.0, 1.0, (count, 3)), phases(count))
-    some = max(1, count // 4)
-    image, velocity = 2.0 * points(some), speed * generator.uniform(-1.0, 1.0, (some, 3))
-    axes, owner = np.tile(np.diag([-1.0, 1.0, 1.0]), (some, 1, 1)), np.zeros(some, dtype=np.int32)
-    return PathTable(scattered, SpecularPaths.of(image, velocity, axes, phases(some), owner, SPECULAR))
+    """Bounces around, and a quarter as many moving mirror images, all of unit amplitude."""
+    return random_table(np.random.default_rng(seed), count, max(1, count // 4), limits_m, 0.0, speed)
 
 
 def along_lines(paths: PathTable, radar: Radar, tolerance: float, intra_chirp: bool = False) -> int:

@@ -14,25 +14,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from oracles import truth_rows
+from path_tables import GRID, truth_radar
 
 from datafactory.paths.table import SPECULAR, PathTable, ScatteredPaths, SpecularPaths
 from datafactory.synthesis.truth import truth_moments
-from shared.radar import ImageGrid, Radar
+from shared.radar import Radar
 from shared.radar.arrays import AntennaArray, line
-from shared.radar.waveform import Waveform
 from shared.signal.imaging import near_field_images
 
 STATIC_DB = -60.0
 MOVING_DB = -45.0
 COUNT = 6
-GRID = ImageGrid(bins=30)
-"""Coarse, to keep the references quick: paths are placed within a beam width of its points, so that peaks are seen."""
-
-
-def radar_of(samples: int, range_bins: int, chirps: int = 32) -> Radar:
-    """A frame of 10.3 ms like the default's, in fewer chirps: with 32, 3 m/s is the unambiguous velocity."""
-    waveform = Waveform(samples=samples, range_bins=range_bins, chirps=chirps, chirp_interval_s=128 * 80.6e-6 / chirps)
-    return Radar(waveform=waveform, grid=GRID)
 
 
 def points(generator: np.random.Generator, count: int, limits_m: tuple[float, float]) -> NDArray[np.float64]:
@@ -102,7 +94,7 @@ FAR = ((25.0, 29.0), 256, range(164, 198, 6))
 )
 def test_image_agrees_with_the_virtual_sensors_cube(place, speed, bound_db):
     limits_m, samples, rows = place
-    radar = radar_of(samples, rows[-1] + 3, chirps=32 if speed else 4)
+    radar = truth_radar(samples, rows[-1] + 3, chirps=32 if speed else 4)
     paths = scattered(np.random.default_rng(11), COUNT, limits_m, speed)
     assert error_db(PathTable(paths), radar, nearest_cells(paths, radar), rows) < bound_db
 
@@ -110,7 +102,7 @@ def test_image_agrees_with_the_virtual_sensors_cube(place, speed, bound_db):
 def test_cells_that_differ_from_row_to_row_at_random():
     # The Doppler choice is made on noisy input: where nothing echoes, neighbouring rows have any cells.
     generator = np.random.default_rng(13)
-    radar = radar_of(128, 60)
+    radar = truth_radar(128, 60)
     paths = scattered(generator, 20, (3.0, 8.5), 4.0)
     cells = generator.integers(0, radar.waveform.chirps, radar.waveform.range_bins)
     assert error_db(PathTable(paths), radar, cells, range(18, 60, 4)) < MOVING_DB
@@ -119,7 +111,7 @@ def test_cells_that_differ_from_row_to_row_at_random():
 @pytest.mark.parametrize(("speed", "bound_db"), [(0.0, STATIC_DB), (8.0, MOVING_DB)])
 def test_specular_paths(speed, bound_db):
     generator = np.random.default_rng(14)
-    radar = radar_of(128, 60, chirps=32 if speed else 4)
+    radar = truth_radar(128, 60, chirps=32 if speed else 4)
     normal = points(generator, COUNT, (1.0, 1.0))
     image = 2.0 * points(generator, COUNT, (3.0, 8.0))
     velocity, axes = speed * generator.uniform(-1.0, 1.0, (COUNT, 3)), normal[:, :, None] * normal[:, None, :]
@@ -134,7 +126,7 @@ def test_specular_paths(speed, bound_db):
 @pytest.mark.parametrize(("speed", "bound_db"), [(0.0, STATIC_DB), (8.0, MOVING_DB)])
 def test_multiple_bounces(speed, bound_db):
     generator = np.random.default_rng(15)
-    radar = radar_of(128, 60, chirps=32 if speed else 4)
+    radar = truth_radar(128, 60, chirps=32 if speed else 4)
     at_tx, at_rx = scattered(generator, COUNT, (1.5, 4.0), speed), scattered(generator, COUNT, (1.5, 4.0), speed)
     paths = replace(
         at_tx,
@@ -148,7 +140,7 @@ def test_multiple_bounces(speed, bound_db):
 
 def test_paths_beyond_the_last_row_leave_their_skirts_alone():
     # Range window skirts reach back a few rows; what lies further leaves nothing, and nothing is written out of bounds.
-    radar = radar_of(128, 40, chirps=4)
+    radar = truth_radar(128, 40, chirps=4)
     step = radar.waveform.range_step_m
     directions = points(np.random.default_rng(16), 5, (1.0, 1.0))
     position = directions * (step * np.array([39.4, 40.7, 42.0, 60.0, 110.0]))[:, None]
@@ -160,7 +152,7 @@ def test_paths_beyond_the_last_row_leave_their_skirts_alone():
 @pytest.mark.parametrize("speed", [0.0, 2.0])
 def test_the_range_axis_is_cyclic_as_the_cubes(speed):
     # Echoes in the last range bins reach row 0 across the axis's end; those beyond the unambiguous range fold.
-    radar = radar_of(64, 64, chirps=32 if speed else 4)
+    radar = truth_radar(64, 64, chirps=32 if speed else 4)
     step, generator = radar.waveform.range_step_m, np.random.default_rng(19)
     ahead = points(generator, 5, (1.0, 1.0))
     position = ahead * (step * np.array([60.2, 62.6, 63.5, 66.3, 131.8]))[:, None]
@@ -173,7 +165,7 @@ def test_the_range_axis_is_cyclic_as_the_cubes(speed):
 @pytest.mark.parametrize("samples", [12, 15, 24, 25])
 def test_a_range_axis_shorter_than_the_skirts(samples):
     # Every cell counts once for every row.
-    radar = radar_of(samples, samples, chirps=4)
+    radar = truth_radar(samples, samples, chirps=4)
     step = radar.waveform.range_step_m
     position = points(np.random.default_rng(20), 3, (1.0, 1.0)) * (step * np.array([7.3, 9.0, 11.4]))[:, None]
     paths = PathTable(ScatteredPaths.of_points(position, np.zeros((3, 3)), np.ones(3)))
@@ -181,7 +173,7 @@ def test_a_range_axis_shorter_than_the_skirts(samples):
 
 
 def test_velocity_beyond_the_unambiguous_one_folds_as_the_cube_does():
-    radar = radar_of(64, 45)
+    radar = truth_radar(64, 45)
     waveform = radar.waveform
     folded = waveform.chirps * waveform.velocity_step_mps
     position = np.array([[4.5, 1.0, 0.0]])
@@ -191,7 +183,7 @@ def test_velocity_beyond_the_unambiguous_one_folds_as_the_cube_does():
 
 
 def test_an_on_grid_target_reads_its_amplitude():
-    radar = radar_of(64, 45)
+    radar = truth_radar(64, 45)
     u = radar.grid.u[23]
     range_m = 30 * radar.waveform.range_step_m
     position = range_m * np.array([[np.sqrt(1.0 - u**2), u, 0.0]])
@@ -201,14 +193,8 @@ def test_an_on_grid_target_reads_its_amplitude():
     assert image.max() == pytest.approx(0.5, rel=1e-3)
 
 
-def test_an_empty_table_is_a_dark_image():
-    radar = radar_of(64, 30)
-    empty = PathTable(scattered(np.random.default_rng(1), 0, (1.0, 2.0), 0.0))
-    assert not image_of(empty, radar, np.zeros(30, dtype=np.int64)).any()
-
-
 def test_the_virtual_sensor_has_one_transmitter():
-    radar = radar_of(64, 30)
+    radar = truth_radar(64, 30)
     two = AntennaArray(tx_m=line(np.array([0.0, 0.01])), rx_m=line(np.array([0.0])))
     with pytest.raises(ValueError, match="2 TX; expected 1"):
         truth_moments(

@@ -7,7 +7,6 @@ import time
 from contextlib import contextmanager
 
 import pytest
-from s3_server import s3_server, set_credentials
 
 from shared.dataset import claims
 from shared.dataset.locations import locate
@@ -15,17 +14,9 @@ from shared.dataset.stores import kept, put_if
 from shared.physics.errors import InputError
 
 
-@pytest.fixture(scope="module")
-def server():
-    with s3_server() as running:
-        yield running
-
-
 @pytest.fixture
-def folder(server, monkeypatch, tmp_path):
-    set_credentials(monkeypatch)
-    yield locate(server.uri(f"{tmp_path.name}/set"))
-    server.mend()
+def folder(server, tmp_path):
+    return locate(server.uri(f"{tmp_path.name}/set"))
 
 
 @contextmanager

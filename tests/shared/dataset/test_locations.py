@@ -5,7 +5,7 @@ from pathlib import Path
 import pyarrow.fs
 import pytest
 from object_store import serve
-from small_dataset import make_dataset
+from small_dataset import make_dataset, values
 
 from shared.dataset.folder import open_dataset, verify
 from shared.dataset.locations import RemotePath, file_names, folder_name, local, locate, sha256_of
@@ -25,10 +25,6 @@ def s3(folder, monkeypatch):
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
     with serve(folder.parents[2]) as options:
         yield f"s3://bucket/radar/set?{options}"
-
-
-def values(dataset):
-    return [(f.frame_id, f.image.tobytes(), f.range_channel.tobytes()) for f in dataset.frames("train")]
 
 
 def test_a_dataset_on_s3_holds_what_the_local_one_holds(folder, s3):

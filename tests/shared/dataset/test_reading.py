@@ -68,28 +68,17 @@ def test_another_reader_can_draw_the_image_from_one_shard_alone(tmp_path, reader
     np.testing.assert_allclose(image, delay_and_sum(make_frame(1).range_channel[0], RADAR), rtol=1e-4, atol=1e-6)
 
 
-def test_frames_of_an_older_dataset_do_not_say_when_they_are(tmp_path):
-    frame = dataclasses.replace(make_frame(1), time=2.5, sequence=7)
-    write(tmp_path / "new.parquet", [frame])
-    (back,) = read_frames(tmp_path / "new.parquet")
-    assert (back.time, back.sequence) == (2.5, 7)
-    table = pq.read_table(tmp_path / "new.parquet")
-    pq.write_table(table.drop_columns(["time", "sequence"]), tmp_path / "old.parquet")
-    (old,) = read_frames(tmp_path / "old.parquet")
-    assert np.isnan(old.time)
-    assert old.sequence == -1
-    assert_same(dataclasses.replace(old, time=2.5, sequence=7), frame)
-
-
-def test_a_shard_made_before_there_were_boxes_has_none(tmp_path):
-    """The column came later, without a new version: everything else is read as it is."""
-    frames, path = [make_frame(index) for index in range(3)], tmp_path / "shard.parquet"
+@pytest.mark.parametrize("later", [{"time": np.nan, "sequence": -1}, {"boxes": ()}], ids=" ".join)
+def test_a_shard_made_before_a_column_came_is_read_as_it_is(tmp_path, later):
+    """Columns came without a new version."""
+    frames, path = [dataclasses.replace(make_frame(n), time=2.5, sequence=7) for n in range(3)], tmp_path / "s.parquet"
     write(path, frames)
-    table = pq.read_table(path)
-    pq.write_table(table.drop_columns(["boxes"]), path, row_group_size=1)
+    assert [(back.time, back.sequence) for back in read_frames(path)] == [(2.5, 7)] * 3
+    pq.write_table(pq.read_table(path).drop_columns(list(later)), path, row_group_size=1)
     for back, frame in zip(read_frames(path), frames, strict=True):
-        assert_same(back, dataclasses.replace(frame, boxes=()))
-    assert read_frame(path, 2, columns=["image", "boxes"]).boxes == ()
+        assert str({name: getattr(back, name) for name in later}) == str(later)  # NaN is not NaN
+        assert_same(dataclasses.replace(back, **{name: getattr(frame, name) for name in later}), frame)
+    assert read_frame(path, 2, columns=["image", "boxes"]).boxes == later.get("boxes", frames[2].boxes)
 
 
 def test_a_shard_of_a_newer_version_or_of_something_else_is_refused(tmp_path):

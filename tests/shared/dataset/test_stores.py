@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from s3_server import SECRET, s3_server, set_credentials
+from s3_server import SECRET
 
 from shared.dataset import stores
 from shared.dataset.locations import RemotePath, locate
@@ -13,19 +13,11 @@ from shared.dataset.writing import PARTIAL, atomic, is_as_recorded, remove_folde
 from shared.physics.errors import InputError
 
 
-@pytest.fixture(scope="module")
-def server():
-    with s3_server() as running:
-        yield running
-
-
 @pytest.fixture
 def folder(server, monkeypatch, tmp_path):
     """A folder of this test's own in the bucket; what is on its way there stands below ``tmp_path``."""
-    set_credentials(monkeypatch)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    yield locate(server.uri(f"{tmp_path.name}/set"))
-    server.mend()
+    return locate(server.uri(f"{tmp_path.name}/set"))
 
 
 def asked(path):
@@ -43,7 +35,7 @@ def test_an_object_is_what_was_written_and_nothing_stays_here(server, folder, tm
     with atomic(folder / "train/part.bin") as partial:
         partial.write_bytes(b"first")
         assert server.keys(folder.key.partition("/")[2]) == []
-    assert server.objects() == {f"{tmp_path.name}/set/train/part.bin": b"first"}
+    assert server.objects(tmp_path.name) == {f"{tmp_path.name}/set/train/part.bin": b"first"}
     write_bytes(folder / "train/part.bin", b"second")
     assert (folder / "train/part.bin").read_bytes() == b"second"
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from oracles import corner_area, strip
 from scipy.special import spherical_jn, spherical_yn
 
 from shared.physics import rcs
@@ -21,11 +22,6 @@ def physical_optics_rcs(points, normals, areas, direction) -> float:
     lit = np.maximum(normals @ direction, 0.0)
     field = np.sum(lit * areas * np.exp(2j * WAVENUMBER * points @ direction))
     return float(4.0 * np.pi / WAVELENGTH**2 * abs(field) ** 2)
-
-
-def strip(extent: float, count: int) -> np.ndarray:
-    """Midpoints of ``count`` cells of [-extent / 2, extent / 2]."""
-    return extent * ((np.arange(count) + 0.5) / count - 0.5)
 
 
 @pytest.mark.parametrize("angles_deg", [(0.0, 0.0), (1.3, 0.0), (0.0, 4.0), (2.0, 3.0), (20.0, 11.0), (30.0, 0.3)])
@@ -79,34 +75,6 @@ def test_sphere_is_the_series_within_the_stated_error(beyond, error_db):
     errors = [abs(db(mie_over_optical(size))) for size in np.arange(beyond, 60.0, 0.05)]
     assert max(errors) <= error_db
     assert max(abs(db(mie_over_optical(size))) for size in np.arange(0.7 * beyond, beyond, 0.05)) > error_db
-
-
-def corner_area(walls: np.ndarray, inside, direction: np.ndarray, extent: float, count: int = 1000) -> float:
-    """Area [m^2] of a beam along -``direction`` whose rays meet every wall of a corner and leave where they came from.
-
-    :param walls: [N, 3] normals of the planes through the origin; :param inside: (wall, points) -> mask
-    """
-    across = np.cross(direction, [0.3, -0.5, 0.8])
-    across /= np.linalg.norm(across)
-    up = np.cross(direction, across)
-    grid = strip(2.0 * extent, count)
-    rays = (grid[:, None, None] * across + grid[None, :, None] * up).reshape(-1, 3) + 10.0 * direction
-    heading = np.tile(-direction, (len(rays), 1))
-    alive, met = np.ones(len(rays), dtype=bool), np.zeros((len(rays), len(walls)), dtype=bool)
-    for _ in range(len(walls)):
-        nearest, which = np.full(len(rays), np.inf), np.full(len(rays), -1)
-        for index, normal in enumerate(walls):
-            speed = heading @ normal
-            distance = np.where(speed < -1e-12, -(rays @ normal) / np.where(speed < -1e-12, speed, 1.0), np.inf)
-            points = rays + np.where(np.isfinite(distance), distance, 0.0)[:, None] * heading
-            hit = np.isfinite(distance) & (distance > 1e-9) & (distance < nearest) & inside(index, points)
-            nearest, which = np.where(hit, distance, nearest), np.where(hit, index, which)
-        alive &= which >= 0
-        wall = walls[np.maximum(which, 0)]
-        rays = rays + np.where(alive, nearest, 0.0)[:, None] * heading
-        heading = heading - 2.0 * np.einsum("ri,ri->r", heading, wall)[:, None] * wall
-        met[np.arange(len(rays)), np.maximum(which, 0)] |= alive
-    return float(np.sum(alive & met.all(axis=1))) * (2.0 * extent / count) ** 2
 
 
 @pytest.mark.parametrize("cosines", [(1, 1, 1), (1, 1.5, 2), (0.4, 1, 2), (0.2, 0.3, 1), (3, 1, 2)])

@@ -9,8 +9,8 @@ import sys
 import pytest
 
 SCRIPT = """
-import os, signal
-from shared.processes.interrupt import run_command
+import ctypes, os, signal, time
+from shared.processes.interrupt import run_command, uninterrupted
 
 def interrupted():
     os.kill(os.getpid(), signal.{name})
@@ -21,68 +21,51 @@ def turned_into_another_error():
     except KeyboardInterrupt:
         raise TypeError("No to_python converter found") from None
 
-run_command("program", lambda: {what})
-"""
-
-
-@pytest.mark.parametrize("name", [signal.SIGINT.name, signal.SIGTERM.name])
-@pytest.mark.parametrize("what", ["interrupted", "turned_into_another_error", "turned_into_another_error()"])
-def test_an_interrupt_is_one_line(name: str, what: str) -> None:
-    script = SCRIPT.format(name=name, what=what)
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (130, "program: interrupted\n")
-
-
-SWALLOWED = """
-import os, signal
-from shared.processes.interrupt import run_command, uninterrupted
-
 def swallowed():
     with uninterrupted():
         try:
-            os.kill(os.getpid(), signal.{name})
+            interrupted()
             print("to its end")
         except BaseException:
             pass
     print("beyond")
 
-run_command("program", lambda: swallowed)
-"""
-
-
-@pytest.mark.parametrize("name", [signal.SIGINT.name, signal.SIGTERM.name])
-def test_an_interrupt_waits_for_what_would_swallow_it(name: str) -> None:
-    script = SWALLOWED.format(name=name)
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == (130, "to its end\n", "program: interrupted\n")
-
-
-CALLBACK = """
-import ctypes, os, signal, time
-from shared.processes.interrupt import run_command
-
 @ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
 def compared(first, second):
-    os.kill(os.getpid(), signal.{name})
+    interrupted()
     return 0
 
-def load():
+def within_a_callback_of_c_code():
     ctypes.CDLL(None).qsort(ctypes.create_string_buffer(2), 2, 1, compared)
     time.sleep(60)
     print("went on")
 
-run_command("program", load)
+run_command("program", lambda: {what})
 """
 
 
+def run(what: str, name: str = "SIGINT") -> tuple[int, str, str]:
+    """(exit status, standard output, standard error)"""
+    command = [sys.executable, "-c", SCRIPT.format(name=name, what=what)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout, done.stderr
+
+
 @pytest.mark.parametrize("name", [signal.SIGINT.name, signal.SIGTERM.name])
-def test_an_interrupt_within_a_callback_of_c_code_comes_again(name: str) -> None:
-    script = CALLBACK.format(name=name)
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "program: interrupted\n")
+@pytest.mark.parametrize(
+    ("what", "said"),
+    [
+        ("interrupted", ""),
+        ("turned_into_another_error", ""),
+        ("turned_into_another_error()", ""),
+        ("swallowed", "to its end\n"),
+        ("within_a_callback_of_c_code", ""),
+    ],
+)
+def test_an_interrupt_is_one_line(name: str, what: str, said: str) -> None:
+    """It waits for what would swallow it, and comes again where C code does."""
+    assert run(what, name) == (130, said, "program: interrupted\n")
 
 
 def test_an_error_of_its_own_stays_an_error() -> None:
-    script = "from shared.processes.interrupt import run_command\nrun_command('program', lambda: 1 / 0)"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    assert "ZeroDivisionError" in done.stderr
+    assert "ZeroDivisionError" in run("1 / 0")[2]

@@ -233,25 +233,3 @@ def test_a_pattern_file_without_end_is_refused_by_its_size(tmp_path):
         file.truncate(64_000_001)
     with pytest.raises(InputError, match="64000001 bytes; expected at most 64000000"):
         read_table(path)
-
-
-@pytest.mark.parametrize(
-    ("fields", "part"),
-    [
-        ('kind = "patch", file = "pattern.csv"', "front_end.tx_pattern.kind = 'patch' with a file"),
-        ('kind = "table", file = "absent.csv"', "absent.csv: not readable"),
-        ('kind = "table", file = 3', "front_end.tx_pattern.file = 3"),
-        ('kind = "table", file = "p.csv", gain_dbi = 3', "front_end.tx_pattern.gain_dbi beside a file"),
-        ('kind = "table", file = "p.csv", outside_gain_dbi = "low"', "outside_gain_dbi = 'low'"),
-        ('kind = "table"', "front_end.tx_pattern.table.azimuth_deg"),
-        ('kind = "patch", width_wavelengths = 0', "width_wavelengths = 0"),
-        ('kind = "tr38901", gain_dbi = 3', "unknown field front_end.tx_pattern.tr38901.gain_dbi"),
-    ],
-)
-def test_a_radar_whose_pattern_does_not_add_up_is_one_line(tmp_path, fields, part):
-    path = tmp_path / "radar.toml"
-    path.write_text(f"[front_end]\ntx_pattern = {{ {fields} }}\n", encoding="utf-8")
-    with pytest.raises(InputError) as caught:
-        load_radar(str(path))
-    assert "\n" not in str(caught.value)
-    assert part in str(caught.value)

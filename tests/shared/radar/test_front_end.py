@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from shared.dataset.reading import radar_of
-from shared.physics.errors import InputError
 from shared.physics.units import dbm_to_watt
 from shared.radar import Radar, load_radar
 from shared.radar.arrays import AntennaArray
@@ -236,29 +235,3 @@ def test_a_dataset_from_before_these_fields_is_read_as_without_them():
     for name in ("tx_polarization", "rx_polarization", "phase_noise", "converter"):
         del description["radar"][name]
     assert radar_of(description) == Radar()
-
-
-@pytest.mark.parametrize(
-    ("text", "parts"),
-    [
-        ('[front_end]\ntx_polarization = "X"\n', ["front_end.tx_polarization = 'X'", "'V' or 'H'"]),
-        ("[front_end.converter]\nbits = 12\n", ["front_end.converter.full_scale_dbm"]),
-        ("[front_end.converter]\nbits = 0\nfull_scale_dbm = 0\n", ["front_end.converter.bits = 0"]),
-        ("[front_end.phase_noise]\nlevel_dbc_per_hz = nan\n", ["front_end.phase_noise.level_dbc_per_hz = nan"]),
-        ("[front_end.phase_noise]\nlevel_dbc_per_hz = -40\n", ["front_end.phase_noise leaves", "at most 0.3 rad"]),
-        (
-            '[front_end]\ntx_polarization = "H"\ntx_pattern = { kind = "patch" }\n',
-            ["front_end.tx_pattern.resonant_along = 'z'", "'y' with tx_polarization = 'H'"],
-        ),
-        (
-            '[waveform]\nmultiplexing = "tdm"\n',
-            ["chirp_interval_s = 8.06e-05 leaves each of 3 TX", "3 x chirp_duration_s = 0.0002418"],
-        ),
-    ],
-)
-def test_a_wrong_front_end_is_one_line(tmp_path, text, parts):
-    with pytest.raises(InputError) as caught:
-        radar_file(tmp_path, text)
-    assert "\n" not in str(caught.value)
-    for part in ("radar.toml: ", *parts):
-        assert part in str(caught.value)

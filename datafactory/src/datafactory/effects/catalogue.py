@@ -62,9 +62,6 @@ class EffectSet:
     def without(self, name: str) -> EffectSet:
         return replace(self, **{name: False})
 
-    def with_also(self, name: str) -> EffectSet:
-        return replace(self, **{name: True})
-
     def settings(self, settings: ChainSettings) -> ChainSettings:
         """Settings of the chain that simulate no more than these effects."""
         trace = settings.trace

@@ -206,6 +206,7 @@ def _turned_axes(
         whirl = rate[:3, :3] @ np.linalg.inv(matrix[:3, :3])
     except np.linalg.LinAlgError:  # flat at one of the two times
         return axes, ZERO
-    turned = upright_axes(turn @ np.array(axes[0]), turn @ np.array(axes[2]))
+    with np.errstate(over="ignore", invalid="ignore"):  # nearly flat: squares of its inverse are not finite
+        turned = upright_axes(turn @ np.array(axes[0]), turn @ np.array(axes[2]))
     spin = 0.5 * np.array([whirl[2, 1] - whirl[1, 2], whirl[0, 2] - whirl[2, 0], whirl[1, 0] - whirl[0, 1]])
     return turned or axes, triple(spin)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from oracles import if_cube, relative_error
-from path_tables import a_table
+from path_tables import a_table, radar_of
 from torch_devices import EVERY_DEVICE, required
 
 from datafactory.paths.table import PathTable, ScatteredPaths
@@ -17,21 +17,12 @@ from datafactory.synthesis.device import arrays
 from datafactory.synthesis.sorting import FLOAT32_TOLERANCE, sorted_paths
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray, line
-from shared.radar.waveform import Waveform
 
-SMALL = AntennaArray(tx_m=line(np.array([-0.05, -0.046])), rx_m=line(np.array([-0.045, 0.003, 0.045])))
 SPACE = AntennaArray(
     tx_m=((0.0, -0.04, 0.01), (0.0, 0.03, -0.02)), rx_m=((0.01, 0.0, 0.0), (0.0, 0.03, -0.02), (0.0, 0.0, 0.04))
 )
 
 pytestmark = pytest.mark.parametrize("device", EVERY_DEVICE)
-
-
-def radar_of(samples: int = 64, chirps: int = 32, array: AntennaArray = SMALL, **waveform: object) -> Radar:
-    """Chirps of a frame of 10.3 ms, as the default's."""
-    interval = {"chirp_interval_s": 128 * 80.6e-6 / chirps} | waveform
-    fields = {"samples": samples, "range_bins": samples, "chirps": chirps, **interval}
-    return Radar(waveform=Waveform.model_validate(fields), array=array)
 
 
 def slowed(table: PathTable, factor: float) -> PathTable:
@@ -82,13 +73,6 @@ def test_motion_within_the_chirp_is_that_of_the_exact_kernel(device, tolerance):
     radar, table = radar_of(array=SPACE), slowed(a_table(np.random.default_rng(32), 12, 3.0), 0.8)
     exact = cube_of_paths(table, radar, 1e-9, intra_chirp=True)
     assert relative_error(cube_on(device, table, radar, tolerance, intra_chirp=True), exact) <= tolerance
-
-
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
-@pytest.mark.parametrize("chirps", [16, 33])
-def test_default_array_and_odd_frames(device, tolerance, chirps):
-    radar, table = radar_of(65, chirps, Radar().array), a_table(np.random.default_rng(33), 4, 2.0)
-    assert relative_error(cube_on(device, table, radar, tolerance), if_cube(table, radar)) <= tolerance
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6])

@@ -5,26 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from oracles import relative_error
-from path_tables import a_table
+from path_tables import a_table, truth_radar
 from torch_devices import EVERY_DEVICE, required
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import torch_kernels
 from datafactory.synthesis.truth import truth_moments
-from shared.radar import ImageGrid, Radar
+from shared.radar import Radar
 from shared.radar.arrays import AntennaArray, line
-from shared.radar.waveform import Waveform
 from shared.signal.imaging import DEFAULT_TERMS
 
 TERMS_LEFT_OUT = 2e-3
 """Of compiled paths with fewer Doppler terms than the cell's most demanding one has: below DOPPLER_ERROR, 3e-3."""
 
 pytestmark = pytest.mark.parametrize("device", EVERY_DEVICE)
-
-
-def radar_of(samples: int, range_bins: int, chirps: int = 32) -> Radar:
-    waveform = Waveform(samples=samples, range_bins=range_bins, chirps=chirps, chirp_interval_s=128 * 80.6e-6 / chirps)
-    return Radar(waveform=waveform, grid=ImageGrid(bins=30))
 
 
 def some_cells(radar: Radar, seed: int) -> np.ndarray:
@@ -39,7 +33,7 @@ def truth_on(device: str, table: PathTable, radar: Radar, cells: np.ndarray, int
 @pytest.mark.parametrize("seed", [42, 43])
 def test_moments_are_those_of_the_compiled_kernel(device, seed):
     # Paths of every kind, each row in any Doppler cell.
-    radar = radar_of(64, 60)
+    radar = truth_radar(64, 60)
     table, cells = a_table(np.random.default_rng(seed), 30, 1.0), some_cells(radar, seed)
     compiled = truth_moments(table, radar, cells)
     made = truth_on(device, table, radar, cells)
@@ -48,14 +42,14 @@ def test_moments_are_those_of_the_compiled_kernel(device, seed):
 
 
 def test_standing_paths_have_one_term_and_agree_to_rounding(device):
-    radar = radar_of(64, 60, 4)
+    radar = truth_radar(64, 60, 4)
     table = a_table(np.random.default_rng(44), 30, 1.0).at_rest(0.0)
     cells = np.full(60, 2)
     assert relative_error(truth_on(device, table, radar, cells), truth_moments(table, radar, cells)) < 1e-6
 
 
 def test_motion_within_the_chirp_is_that_of_the_compiled_kernel(device):
-    radar = radar_of(64, 60)
+    radar = truth_radar(64, 60)
     table, cells = a_table(np.random.default_rng(45), 30, 1.0), some_cells(radar, 45)
     compiled = truth_moments(table, radar, cells, intra_chirp=True)
     assert relative_error(truth_on(device, table, radar, cells, intra_chirp=True), compiled) < TERMS_LEFT_OUT
@@ -63,7 +57,7 @@ def test_motion_within_the_chirp_is_that_of_the_compiled_kernel(device):
 
 def test_a_sensor_that_does_not_fill_its_last_block(device):
     sensor = AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=line(np.linspace(-0.1, 0.1, 41)))
-    radar = radar_of(64, 60).model_copy(update={"virtual_sensor": sensor})
+    radar = truth_radar(64, 60).model_copy(update={"virtual_sensor": sensor})
     table, cells = a_table(np.random.default_rng(46), 20, 1.0), some_cells(radar, 46)
     made = truth_on(device, table, radar, cells)
     assert made.shape == (DEFAULT_TERMS, 60, 41)
@@ -71,11 +65,11 @@ def test_a_sensor_that_does_not_fill_its_last_block(device):
 
 
 def test_the_same_bytes_from_run_to_run(device):
-    radar = radar_of(64, 60)
+    radar = truth_radar(64, 60)
     table, cells = a_table(np.random.default_rng(47), 60, 1.0), some_cells(radar, 47)
     assert truth_on(device, table, radar, cells).tobytes() == truth_on(device, table, radar, cells).tobytes()
 
 
 def test_an_empty_table_is_a_dark_image(device):
-    radar, empty = radar_of(64, 30), PathTable(ScatteredPaths.none())
+    radar, empty = truth_radar(64, 30), PathTable(ScatteredPaths.none())
     assert not truth_on(device, empty, radar, np.zeros(30, dtype=np.int64)).any()
