@@ -13,14 +13,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from shared.dataset import COMPLEX_ARRAYS, LATER, METADATA_KEY, SCALARS, VECTORS, Box, Frame, Target, row_bytes
 from shared.dataset.locations import Location, file_size, open_parquet
 from shared.dataset.manifest import check_version, require_as_written
 from shared.dataset.schema import BOX_FIELDS, TARGET_FIELDS
 from shared.physics.errors import InputError
-from shared.radar import FrontEnd, Radar, first_validation_error
+from shared.radar import FrontEnd, Radar, validated
 from shared.radar.arrays import AntennaArray
 from shared.radar.waveform import Waveform
 
@@ -151,23 +150,21 @@ def radar_of(description: Mapping[str, Any], source: object = "description") -> 
     :raises InputError: fields that are missing or that no radar allows
     """
     try:
-        radar, u = description["radar"], description["axes"]["u"]
+        stated, u = description["radar"], description["axes"]["u"]
         # u_stop is not among the axes; 12 digits undo the rounding of step = (stop - start) / bins.
         grid = {"u_start": u["start"], "u_stop": round(u["start"] + u["step"] * u["bins"], 12), "bins": u["bins"]}
         fields = {
-            "name": radar["name"],
-            "waveform": {name: radar[name] for name in Waveform.model_fields},
+            "name": stated["name"],
+            "waveform": {name: stated[name] for name in Waveform.model_fields},
             # Imperfections of the front end came later: a dataset that does not name them was made without.
-            "front_end": {name: radar[name] for name in FrontEnd.model_fields if name in radar},
+            "front_end": {name: stated[name] for name in FrontEnd.model_fields if name in stated},
             "grid": grid,
         }
         for array in ("array", "virtual_sensor"):
             fields[array] = {name: description[array][name] for name in AntennaArray.model_fields}
-        radar = Radar.model_validate(fields)
-    except ValidationError as error:
-        raise InputError(source, *first_validation_error(error)) from error
     except (KeyError, TypeError) as error:
         raise InputError(source, f"no whole radar in the metadata: {error!r}", "the entries of version 1") from error
+    radar = validated(Radar, fields, source)
     _check_shapes(description.get("shapes", {}), radar, source)
     return radar
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -15,7 +14,7 @@ from shared.radar.antenna import PatchPattern, read_table
 from shared.radar.arrays import virtual_sensor_256
 from shared.radar.boards import BOARDS, mirrored
 from shared.radar.profile import ChirpProfile, read_cfg
-from shared.radar.radar import Radar, first_validation_error
+from shared.radar.radar import Radar, first_validation_error, read_toml, validated
 from shared.radar.waveform import Waveform
 
 
@@ -87,22 +86,14 @@ def load_capture_radar(path_of_radar: str, board: str | None, mirror: bool = Fal
         problem = f"no preset and no file {path_of_radar!r}"
         expected = f"a TOML file or one of {list(PRESETS)}{meant(path_of_radar, PRESETS)}"
         raise InputError("--radar", problem, expected)
-    try:
-        if path.suffix == ".cfg":
-            document: dict[str, Any] = {"capture": path.name}
-        else:
-            document = tomllib.loads(path.read_text(encoding="utf-8"))
-        if board is not None:
-            document["board"] = board
-        if mirror:
-            document["mirror"] = not document.get("mirror", False)
-        _read_pattern_tables(path, document)
-        real, rx = _on_board(path, document)
-        radar = Radar.model_validate({"name": path.stem, **document})
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, OSError) as error:
-        raise InputError(path, f"not readable as TOML: {error}", "a TOML file in UTF-8") from error
-    except ValidationError as error:
-        raise InputError(path, *first_validation_error(error)) from error
+    document: dict[str, Any] = {"capture": path.name} if path.suffix == ".cfg" else read_toml(path)
+    if board is not None:
+        document["board"] = board
+    if mirror:
+        document["mirror"] = not document.get("mirror", False)
+    _read_pattern_tables(path, document)
+    real, rx = _on_board(path, document)
+    radar = validated(Radar, {"name": path.stem, **document}, path)
     _check_together(path, radar)
     return CaptureRadar(radar, real, rx)
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
 import torch
-from pydantic import ValidationError
 
 from shared.physics.errors import InputError, meant
-from shared.radar import first_validation_error
+from shared.radar import read_toml, validated
 from trainer.run.configuration import FitConfig
 from trainer.run.precision import has_bfloat16
 
@@ -54,19 +52,13 @@ def configuration(recipe: str = "recommended", given: Changes | None = None, fil
         raise InputError("--recipe", repr(recipe), f"{', '.join(names)} or {last}{meant(recipe, RECIPES)}")
     stated = {name: value for name, value in (given or {}).items() if value is not None}
     from_file = {} if file is None else _fields_of(file)
-    try:
-        return FitConfig.model_validate({**_device(), **RECIPES[recipe], **from_file, **stated})
-    except ValidationError as error:
-        source = "trainer fit" if file is None else f"trainer fit with {file}"
-        raise InputError(source, *first_validation_error(error)) from error
+    source = "trainer fit" if file is None else f"trainer fit with {file}"
+    return validated(FitConfig, {**_device(), **RECIPES[recipe], **from_file, **stated}, source)
 
 
 def _fields_of(path: Path) -> Changes:
     """The entries of a TOML file, whose names are checked here: a slip of the pen is told with the field it is like."""
-    try:
-        fields = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(path, f"not readable as TOML: {error}", "a TOML file in UTF-8, e.g. steps = 600") from error
+    fields = read_toml(path, "a TOML file in UTF-8, e.g. steps = 600")
     known = FitConfig.model_fields
     if unknown := [name for name in fields if name not in known]:
         raise InputError(path, f"unknown field {unknown[0]!r}", f"one of {', '.join(known)}{meant(unknown[0], known)}")
