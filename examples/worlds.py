@@ -60,9 +60,7 @@ def compare(unseen: Path, runs: Sequence[Path]) -> list[Point]:
             if trained_on(bench, contender, scene) != "no":
                 sys.exit(f"{contender.method} may have been trained on scene {scene!r}")
     results = {task.key: task.compute() for task in frame_tasks(bench)}
-    of_run = {
-        one.method.partition(":")[2]: ranking(results, one.method, one.array.name, refs) for one in bench.contenders
-    }
+    of_run = {one.method.partition(":")[2]: ranking(results, one.key, refs) for one in bench.contenders}
     rankings = [of_run[run.resolve().name] for run in runs]
     return [
         Point(*seen_by(run), mean_average_precision([one]), mean_average_precision([one], [rankings[0]]))

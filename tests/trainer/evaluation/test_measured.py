@@ -19,7 +19,8 @@ from shared.radar.arrays import AntennaArray, line
 from trainer.estimators.das import DelayAndSum
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music
-from trainer.evaluation.experiments.measured import look_at
+from trainer.evaluation.experiments.bench import Bench, EvaluationConfig
+from trainer.evaluation.experiments.measured import Measured
 from trainer.evaluation.experiments.measured_input import (
     MeasuredInput,
     half_wavelength_line,
@@ -199,7 +200,8 @@ def test_the_real_reflectors_have_their_stated_angles(reflectors, tmp_path):
 def test_every_method_on_all_of_the_real_snapshot_has_the_stated_angles(reflectors):
     assert len(reflectors.snapshot) == 86
     chosen = replace(reflectors, elements={"all 86": reflectors.elements["all 86"]})
-    angles = {(row.method, row.array, row.metric): row.value for row in look_at(chosen).rows}
+    no_data = Bench("", RADAR, (), frozenset(), (), EvaluationConfig())
+    angles = {(row.method, row.array, row.metric): row.value for row in Measured(chosen).rows(no_data, {})}
     for metric, reference in (("angle 1 [deg]", -0.006), ("angle 2 [deg]", 6.985)):
         for method in {method for method, array, _ in angles if array == "all 86"}:
             # A line stands in a bin of 0.03 degrees; the grid of omp and the widest main lobes are no finer than this.

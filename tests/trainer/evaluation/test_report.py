@@ -18,7 +18,15 @@ from tiny_radar import RADAR
 
 from trainer.data.simulation import Condition
 from trainer.evaluation.evaluate import SUMMARY_COLUMNS
-from trainer.evaluation.report.figures import Look, image_panels, legend_below, new_figure, save_figure, subplots
+from trainer.evaluation.report.figures import (
+    Look,
+    image_panels,
+    image_sheet,
+    legend_below,
+    new_figure,
+    save_figure,
+    subplots,
+)
 from trainer.evaluation.report.page import ReportFigure, ReportFrame, report_page
 from trainer.evaluation.report.tables import MetricRow, metrics_table, summary, write_table
 
@@ -117,7 +125,7 @@ def test_the_script_parses(page, tmp_path):
 def test_panels_show_what_stands_left_on_the_left():
     levels = np.full(SHAPE, -40.0)
     levels[5, -1] = 0.0  # the largest u: farthest left of the radar
-    figure = image_panels({("das", "full"): levels}, None, RADAR, 0, "title")
+    figure = image_sheet({"das": levels}, levels, RADAR, "title")
     picture = figure.axes[0].images[0]
     shown = np.asarray(picture.get_array())
     assert shown[5, 0] == 0.0
@@ -139,6 +147,8 @@ def test_a_missing_contender_is_said_in_its_panel():
         0,
         "title",
         [(3 * RADAR.waveform.range_step_m, 0.0)],
+        0.5,
+        {},
     )
     texts = {text.get_text() for axis in figure.axes for text in axis.texts}
     assert texts == {"no das\nfor thin", "no unet\nfor full"}

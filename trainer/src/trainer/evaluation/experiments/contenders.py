@@ -61,8 +61,13 @@ class Contender:
         return self.answer.array
 
     @property
+    def key(self) -> tuple[str, str]:
+        """(method, array), which tells it apart."""
+        return self.method, self.array.name
+
+    @property
     def name(self) -> str:
-        return f"{self.method} {self.array.name}"
+        return " ".join(self.key)
 
     def image_trials(self, trials: Trials) -> NDArray[np.float64]:
         """[T, U] the image rows of all trials."""

@@ -19,16 +19,7 @@ from shared.dataset.reading import read_frame
 from shared.physics.errors import figure_text
 from shared.pictures import COLOUR_MAP, SPAN_DB, hold_peaks, level_db, range_weighted, range_weighted_db
 from shared.radar import Radar
-from trainer.evaluation.experiments.bench import (
-    Bench,
-    Experiment,
-    FrameRef,
-    Results,
-    Task,
-    contender_task,
-    mean_row,
-    ratio_row,
-)
+from trainer.evaluation.experiments.bench import Bench, Experiment, FrameRef, Numbers, Results, Task, contender_task
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import load_frame
 from trainer.evaluation.experiments.street import true_magnitude
@@ -76,27 +67,22 @@ class Doppler(Experiment):
                 )
         return tasks
 
-    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
-        found, frames = [], moving_frames(bench)
+    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
+        frames = moving_frames(bench)
         for contender in bench.contenders:
-            counts = np.stack(
-                [results[contender.method, contender.array.name, ref.condition]["found"] for ref in frames]
-            )
+            counts = np.stack([results[*contender.key, ref.condition]["found"] for ref in frames])
             for index, place in enumerate(PLACES):
-                total = counts[:, index, 0]
+                total, condition = counts[:, index, 0], {"target": place}
                 for column, peaks in ((1, "the strongest Doppler peak alone"), (2, "all Doppler peaks")):
-                    found.append(
-                        ratio_row(bench, self.name, contender, f"targets found by {peaks}", {"target": place},
-                                  counts[:, index, column], total)
-                    )  # fmt: skip
+                    found.ratio(contender, f"targets found by {peaks}", condition, counts[:, index, column], total)
         rows = [float(np.any(f.velocity[1:] != f.velocity[0], axis=0).sum()) for f in map(load_frame, frames)]
         # The number is a property of the data, the same for all contenders; the first one's row holds it.
-        found.append(mean_row(bench, self.name, bench.contenders[0], "range bins with a second peak", {}, rows))
-        return found
+        found.mean(bench.contenders[0], "range bins with a second peak", {}, rows)
 
-    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
         contender, ref = shown_contender(bench), moving_frames(bench)[0]
-        images = results[contender.method, contender.array.name, ref.condition]["images"].astype(np.float64)
+        cell = results[*contender.key, ref.condition]
+        images = cell["images"].astype(np.float64)
         frame, radar = read_frame(ref.path, ref.row), bench.radar
         shown = (
             images if contender.answer.unit == PROBABILITY else np.stack([range_weighted(image) for image in images])
@@ -105,7 +91,7 @@ class Doppler(Experiment):
         shown[1:][frame.velocity[1:] == frame.velocity[0]] = 0.0
         reference = float(shown.max())
         title = f"{self.title}: {figure_text(ref.scene)}, frame {ref.frame_id}, {figure_text(contender.name)}"
-        found = results[contender.method, contender.array.name, ref.condition]["found"][1]
+        found = cell["found"][1]
         if found[0]:
             title += f": of {found[0]:.0f} targets in a weaker peak "
             title += f"{found[1]:.0f} found by the strongest alone, {found[2]:.0f} by all"

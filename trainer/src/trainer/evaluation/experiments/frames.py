@@ -183,12 +183,15 @@ def _stored(cells: CellScores) -> dict[str, NDArray[np.float64] | float]:
     return {"cells_matched": cells.matched, "cells_false": cells.false_alarms, "cells_true": float(cells.truths)}
 
 
-def ranking(results: Results, method: str, array: str, refs: Sequence[FrameRef]) -> Ranking:
-    """Detections of a method, or of :data:`TRUTH`, over frames."""
-    found = [results[method, array, ref.condition] for ref in refs]
+def ranking(results: Results, key: tuple[str, str], refs: Sequence[FrameRef]) -> Ranking:
+    """Detections over frames.
+
+    :param key: (method, array); the method may be :data:`TRUTH`
+    """
+    found = [results[*key, ref.condition] for ref in refs]
     return pooled([CellScores(one["cells_matched"], one["cells_false"], int(one["cells_true"])) for one in found])
 
 
 def gathered(results: Results, contender: Contender, refs: Sequence[FrameRef], name: str) -> NDArray[np.float64]:
     """[frames, ...] one score of a contender over frames."""
-    return np.stack([results[contender.method, contender.array.name, ref.condition][name] for ref in refs])
+    return np.stack([results[*contender.key, ref.condition][name] for ref in refs])

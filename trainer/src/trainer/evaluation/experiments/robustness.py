@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shared.radar.arrays import AntennaArray
 from trainer.data.arrays import ArrayChoice
 from trainer.data.simulation import Condition, Trials, no_room, resolution_cell, simulate, trial_rows
-from trainer.evaluation.experiments.bench import Bench, Results, Simulated, cell_of, mean_row, share_row
+from trainer.evaluation.experiments.bench import Bench, Numbers, Results, Simulated
 from trainer.evaluation.experiments.contenders import Contender, look_of
 from trainer.evaluation.report.figures import legend_below, new_figure, subplots
 from trainer.evaluation.report.tables import MetricRow, condition_text
@@ -135,16 +135,14 @@ class Robustness(Simulated):
             METRICS[1]: false_peaks(images, radar.grid.u, scene.u, reach),
         }
 
-    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
-        found = []
+    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         for contender in bench.contenders:
             for impairment in impairments():
                 both, extra = (_samples(bench, results, contender, impairment, metric) for metric in METRICS)
-                found.append(share_row(self.name, contender, METRICS[0], impairment.named, both))
-                found.append(mean_row(bench, self.name, contender, METRICS[1], impairment.named, extra))
-        return found
+                found.share(contender, METRICS[0], impairment.named, both)
+                found.mean(contender, METRICS[1], impairment.named, extra)
 
-    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
         look = look_of(bench.contenders)
         figure = new_figure(13.0, 5.4, self.title)
         axes = subplots(figure, len(METRICS), len(SIZES), sharey="row", sharex="col")
@@ -197,7 +195,7 @@ def _samples(
     bench: Bench, results: Results, contender: Contender, impairment: Impairment, metric: str
 ) -> NDArray[np.float64]:
     """[trials] of all images of a condition."""
-    cells = [cell_of(results, contender, _condition(impairment, image)) for image in _images(bench)]
+    cells = [results[*contender.key, _condition(impairment, image)] for image in _images(bench)]
     return np.concatenate([cell[metric].astype(np.float64) for cell in cells])
 
 
