@@ -27,7 +27,7 @@ from trainer.evaluation.report.figures import PANEL_PIXELS, colour_bar, draw_ima
 from trainer.evaluation.report.page import doppler_map
 from trainer.evaluation.report.tables import MetricRow
 from trainer.evaluation.store import Values
-from trainer.metrics.detection import find_row_peaks
+from trainer.metrics.detection import find_image_peaks
 from trainer.run.targets import PROBABILITY
 
 MOST_FRAMES = 8
@@ -171,7 +171,7 @@ def _found(image: NDArray[np.floating], velocity: NDArray[np.floating], target: 
     column = (target.u - radar.grid.u_start) / radar.grid.step
     for near in range(max(row - REACH_ROWS, 0), min(row + REACH_ROWS + 1, len(image))):
         if _same_velocity(velocity[near : near + 1], target.velocity_mps, radar)[0]:
-            peaks = find_row_peaks(image[near], LEVEL).above(LEVEL)
+            peaks = find_image_peaks(image[near : near + 1], LEVEL).above(LEVEL).bins
             if np.any(np.abs(peaks - column) <= REACH_BINS):
                 return True
     return False
