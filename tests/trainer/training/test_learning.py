@@ -143,14 +143,15 @@ def test_losses_are_those_of_table_2():
     target = torch.tensor([[[0.0, 1.0]]])
     answer = torch.tensor([[[[0.5, 0.0]]]])
     config = tiny(model="spectral-unet", foreground=3.0, alpha=0.1)
-    assert frame_losses(config, answer, target).item() == pytest.approx((0.25 + 4.0 + 0.05) / 2)
+    everything = torch.ones(1, 1, 2)
+    assert frame_losses(config, answer, target, everything, None).item() == pytest.approx((0.25 + 4.0 + 0.05) / 2)
     known = torch.tensor([[[1.0, 0.0]]])
-    assert frame_losses(config, answer, target, known).item() == pytest.approx(0.25 + 0.05)
+    assert frame_losses(config, answer, target, known, None).item() == pytest.approx(0.25 + 0.05)
     # Two classes, logits 0 and log 3: p(target) = 3/4; the loss is positive and falls as p(class) rises.
     logits = torch.tensor([[[[0.0, 0.0]], [[math.log(3.0), math.log(3.0)]]]])
     config = tiny(model="spectral-unet", target="class", foreground=0.0, alpha=0.1)
     expected = -(math.log(0.25) + math.log(0.75)) / 2
-    assert frame_losses(config, logits, target).item() == pytest.approx(expected)
+    assert frame_losses(config, logits, target, everything, None).item() == pytest.approx(expected)
 
 
 def test_the_linear_loss_is_the_error_over_the_energy_of_truth_and_noise():

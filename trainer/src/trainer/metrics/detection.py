@@ -90,9 +90,7 @@ def find_image_peaks(image: NDArray[np.floating], threshold: float = THRESHOLD) 
     return ImagePeaks((rows, columns), places // (columns + 1), places % (columns + 1), found["prominences"])
 
 
-def paper_sweep(
-    detected: ImagePeaks, true: ImagePeaks, prominences: Sequence[float] = PROMINENCES, d_max: int = D_MAX_BINS[0]
-) -> list[Counts]:
+def paper_sweep(detected: ImagePeaks, true: ImagePeaks, prominences: Sequence[float], d_max: int) -> list[Counts]:
     """Counts by the rules of the paper, section IV-C, one for each prominence that a detection needs.
 
     TP: detected peaks at most d_max from a truth; FP: the other detected peaks. One detection may serve several truths,
@@ -127,7 +125,7 @@ def paper_sweep(
     return counts
 
 
-def strict_counts(detected: ImagePeaks, true: ImagePeaks, d_max: float = D_MAX_BINS[0]) -> Counts:
+def strict_counts(detected: ImagePeaks, true: ImagePeaks, d_max: float) -> Counts:
     """One-to-one counts of an image over all its rows, those without a truth too: there every detection is false.
 
     Each detection serves one truth and each truth one detection, see :func:`match`.

@@ -19,6 +19,7 @@ from shared.dataset.reading import read_frame
 from shared.physics.errors import figure_text
 from shared.pictures import COLOUR_MAP, SPAN_DB, hold_peaks, level_db, range_weighted, range_weighted_db
 from shared.radar import Radar
+from shared.signal.ego_motion import folded
 from trainer.evaluation.experiments.bench import Bench, Experiment, FrameRef, Numbers, Results, Task, contender_task
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import load_frame
@@ -143,9 +144,8 @@ def _place(target: Target, frame: Frame, radar: Radar) -> int | None:
 
 def _same_velocity(velocities: NDArray[np.floating], velocity_mps: float, radar: Radar) -> NDArray[np.bool_]:
     """Whether Doppler cells hold a velocity, which folds at the ends of the axis."""
-    step, span = radar.waveform.velocity_step_mps, radar.waveform.velocity_span_mps
-    difference = (np.asarray(velocities, dtype=np.float64) - velocity_mps + 0.5 * span) % span - 0.5 * span
-    return np.abs(difference) <= REACH_CELLS * step
+    difference = folded(np.asarray(velocities, dtype=np.float64) - velocity_mps, radar.waveform.velocity_span_mps)
+    return np.abs(difference) <= REACH_CELLS * radar.waveform.velocity_step_mps
 
 
 def _score(radar: Radar, contender: Contender, ref: FrameRef, keep: bool) -> Values:

@@ -141,7 +141,7 @@ class Robustness(Simulated):
             images = contender.image_trials(seen)
             both.append(resolved(strongest_peaks(images, radar.grid.u, 2), trials.u))
             extra.append(false_peaks(images, radar.grid.u, trials.u, reach))
-        return dict(zip(METRICS, map(np.concatenate, (both, extra)), strict=True))
+        return {METRICS[0]: np.concatenate(both), METRICS[1]: np.concatenate(extra)}
 
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         for contender in bench.contenders:

@@ -110,12 +110,12 @@ def legend_below(figure: Figure, handles: Sequence[Line2D]) -> None:
             legend.remove()
 
 
-def label_ends(axis: Axes, ends: Sequence[tuple[float, str, str]], gap: float = 0.052) -> None:
+def label_ends(axis: Axes, ends: Sequence[tuple[float, str, str]]) -> None:
     """Names at the right of an axis, each at its line's last value or as near as the other names leave room.
 
     :param ends: (last value, name, colour) of each line
-    :param gap: from name to name at least, of the axis' height
     """
+    gap = 0.052  # from name to name at least, of the axis' height
     low, high = axis.get_ylim()
     ordered = sorted(ends)
     places: list[float] = []
