@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from shared.dataset import COMPLEX_ARRAYS, LATER, METADATA_KEY, SCALARS, VECTORS, Box, Frame, Target, row_bytes
 from shared.dataset.locations import Location, file_size, open_parquet
 from shared.dataset.manifest import check_version, require_as_written
-from shared.dataset.schema import BOX_FIELDS, TARGET_FIELDS
+from shared.dataset.schema import BOX_FIELDS, COLUMNS, array_shapes
 from shared.physics.errors import InputError
 from shared.radar import FrontEnd, Radar, validated
 from shared.radar.arrays import AntennaArray
@@ -31,22 +31,6 @@ BATCH_BYTES = 64 << 20
 
 # What pyarrow raises for a file that is missing, cut short or damaged (a damaged name is no UTF-8 any more).
 _READ_ERRORS = (pa.ArrowException, OSError, UnicodeDecodeError)
-
-
-_SMALL_COLUMNS = {
-    "frame_id": pa.int64(),
-    "kind": pa.string(),
-    "scene": pa.string(),
-    "seed": pa.int64(),
-    "image_peak": pa.float64(),
-    "noise_power": pa.float64(),
-    "time": pa.float64(),
-    "sequence": pa.int64(),
-    **{name: pa.list_(pa.float64(), size) for name, size in VECTORS.items()},
-    "targets": pa.list_(pa.struct([*((name, pa.float64()) for name in TARGET_FIELDS[:-1]), ("object", pa.string())])),
-    "boxes": pa.list_(pa.struct(list(BOX_FIELDS.items()))),
-}
-"""Columns whose types do not depend on the radar."""
 
 
 def open_shard(path: Location) -> pq.ParquetFile:
@@ -171,20 +155,11 @@ def radar_of(description: Mapping[str, Any], source: object = "description") -> 
 
 def _check_shapes(shapes: Any, radar: Radar, source: object) -> None:
     """The arrays are those of the radar beside them."""
-    waveform, channels, bins = radar.waveform, radar.array.channels, radar.grid.bins
-    expected = {
-        "range_channel": [waveform.range_bins, channels, 2],
-        "velocity": [waveform.range_bins],
-        "image": [waveform.range_bins, bins],
-        "range_doppler": [waveform.range_bins, waveform.chirps],
-        "cube": [waveform.chirps, waveform.samples, channels, 2],
-    }
-    for name, shape in expected.items():
+    for name, shape in array_shapes(radar, 0).items():
         found = shapes.get(name, shape) if isinstance(shapes, dict) else None
-        if name in ("range_channel", "velocity") and isinstance(found, list) and found is not shape:
-            found = found[1:]  # the first axis counts Doppler peaks
-        if found != shape:
-            raise InputError(source, f"shapes.{name} ends in {found}", f"{shape}, as its radar has it")
+        first = 1 if name in ("range_channel", "velocity") else 0  # the first axis of these counts Doppler peaks
+        if not isinstance(found, list) or found[first:] != shape[first:]:
+            raise InputError(source, f"shapes.{name} = {found}", f"it to end in {shape[first:]}, as its radar has it")
 
 
 @lru_cache(maxsize=16)
@@ -220,8 +195,8 @@ def _check_columns(path: Location, schema: pa.Schema, description: Mapping[str, 
         if not pa.types.is_fixed_size_list(kind) or kind.list_size != values or kind.value_type != pa.float32():
             raise InputError(path, f"{column} is {kind}", f"a fixed_size_list<float> of {values}, as its shape says")
 
-    for column, wanted in _SMALL_COLUMNS.items():
-        if column in schema.names and not _same_kind(schema.field(column).type, wanted):
+    for column, wanted in COLUMNS.items():
+        if wanted and column in schema.names and not _same_kind(schema.field(column).type, wanted):
             raise InputError(path, f"{column} is {schema.field(column).type}", f"{wanted}")
 
 
