@@ -238,10 +238,13 @@ def test_a_pattern_file_without_end_is_refused_by_its_size(tmp_path):
 @pytest.mark.parametrize(
     ("fields", "part"),
     [
-        ('kind = "patch", file = "pattern.csv"', "front_end.tx_pattern.kind = 'patch' with a file"),
+        (
+            'kind = "patch", file = "pattern.csv"',
+            "front_end.tx_pattern: kind = 'patch'; expected input should be 'table'",
+        ),
         ('kind = "table", file = "absent.csv"', "absent.csv: not readable"),
-        ('kind = "table", file = 3', "front_end.tx_pattern.file = 3"),
-        ('kind = "table", file = "p.csv", gain_dbi = 3', "front_end.tx_pattern.gain_dbi beside a file"),
+        ('kind = "table", file = 3', "front_end.tx_pattern: file = 3"),
+        ('kind = "table", file = "p.csv", gain_dbi = 3', "front_end.tx_pattern: unknown field gain_dbi"),
         ('kind = "table", file = "p.csv", outside_gain_dbi = "low"', "outside_gain_dbi = 'low'"),
         ('kind = "table"', "front_end.tx_pattern.table.azimuth_deg"),
         ('kind = "patch", width_wavelengths = 0', "width_wavelengths = 0"),

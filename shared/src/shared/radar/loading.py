@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ConfigDict, Field, StrictFloat, ValidationError
 
 from shared.physics.errors import InputError, meant
 from shared.radar.antenna import PatchPattern, read_table
@@ -138,24 +138,26 @@ def _on_board(path: Path, document: dict[str, Any]) -> tuple[bool, tuple[int, ..
     return real, rx
 
 
+class _TableFile(BaseModel):
+    """A pattern that is named by the file of its table."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    kind: Literal["table"]
+    file: Annotated[str, Field(min_length=1)]
+    outside_gain_dbi: StrictFloat | None = None
+
+
 def _read_pattern_tables(path: Path, document: dict[str, Any]) -> None:
     """Put the patterns themselves where the document names their files, relative to the folder of ``path``."""
     front_end = document.get("front_end")
+    if not isinstance(front_end, dict):
+        return
     for name in ("tx_pattern", "rx_pattern"):
-        pattern = front_end.get(name) if isinstance(front_end, dict) else None
-        if not isinstance(front_end, dict) or not isinstance(pattern, dict) or "file" not in pattern:
-            continue
-        field, file, outside = f"front_end.{name}", pattern["file"], pattern.get("outside_gain_dbi")
-        if pattern.get("kind") != "table":
-            raise InputError(path, f"{field}.kind = {pattern.get('kind')!r} with a file", "kind = 'table'")
-        unknown = sorted(set(pattern) - {"kind", "file", "outside_gain_dbi"})
-        if unknown:
-            raise InputError(path, f"{field}.{unknown[0]} beside a file", "kind, file and outside_gain_dbi alone")
-        if not isinstance(file, str) or not file:
-            raise InputError(path, f"{field}.file = {file!r}", "the name of a CSV file")
-        if outside is not None and (isinstance(outside, bool) or not isinstance(outside, int | float)):
-            raise InputError(path, f"{field}.outside_gain_dbi = {outside!r}", "a number [dBi]")
-        front_end[name] = read_table(path.parent / file, outside)
+        pattern = front_end.get(name)
+        if isinstance(pattern, dict) and "file" in pattern:
+            named = validated(_TableFile, pattern, f"{path}: front_end.{name}")
+            front_end[name] = read_table(path.parent / named.file, named.outside_gain_dbi)
 
 
 def _check_together(path: Path, radar: Radar) -> None:
