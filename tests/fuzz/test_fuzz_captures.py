@@ -27,7 +27,8 @@ from raw_files import quantised, radar_file, scene, write_cascade, write_two_lan
 
 from trainer.captures.calibration import read_calibration, to_toml
 from trainer.captures.cube_file import Capture, read_cube, write_cube
-from trainer.captures.importing import Reading, import_capture, read_capture
+from trainer.captures.importing import import_capture, read_capture
+from trainer.captures.samples import Reading
 
 ALTERATIONS = st.lists(st.tuples(st.floats(0.0, 1.0), JSON), min_size=1, max_size=3)
 CFG = b"""% comment
