@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from shared.dataset import COMPLEX_ARRAYS, LATER, METADATA_KEY, SCALARS, VECTORS, Box, Frame, Target, row_bytes
 from shared.dataset.locations import Location, file_size, open_parquet
 from shared.dataset.manifest import check_version, require_as_written
-from shared.dataset.schema import BOX_FIELDS, COLUMNS, array_shapes
+from shared.dataset.schema import BOX_FIELDS, COLUMNS, array_shapes, never_null
 from shared.physics.errors import InputError
 from shared.radar import FrontEnd, Radar, validated
 from shared.radar.arrays import AntennaArray
@@ -195,22 +195,10 @@ def _check_columns(path: Location, schema: pa.Schema, description: Mapping[str, 
         if not pa.types.is_fixed_size_list(kind) or kind.list_size != values or kind.value_type != pa.float32():
             raise InputError(path, f"{column} is {kind}", f"a fixed_size_list<float> of {values}, as its shape says")
 
+    # Whatever Arrow calls an element, and whether it may be missing.
     for column, wanted in COLUMNS.items():
-        if wanted and column in schema.names and not _same_kind(schema.field(column).type, wanted):
+        if wanted and column in schema.names and never_null(schema.field(column).type) != never_null(wanted):
             raise InputError(path, f"{column} is {schema.field(column).type}", f"{wanted}")
-
-
-def _same_kind(kind: pa.DataType, wanted: pa.DataType) -> bool:
-    """Whether values are of one type, whatever Arrow calls an element and whether it may be missing."""
-    if pa.types.is_nested(wanted):
-        if kind.id != wanted.id or kind.num_fields != wanted.num_fields:
-            return False
-        if pa.types.is_fixed_size_list(wanted) and kind.list_size != wanted.list_size:
-            return False
-        if pa.types.is_struct(wanted) and [field.name for field in kind] != [field.name for field in wanted]:
-            return False
-        return all(_same_kind(kind.field(n).type, wanted.field(n).type) for n in range(wanted.num_fields))
-    return kind == wanted
 
 
 def _is_shape(value: object) -> bool:

@@ -214,9 +214,18 @@ def arrow_schema(description: Mapping[str, Any]) -> pa.Schema:
         for name, kind in COLUMNS.items()
         if kind is not None or name in shapes
     }
-    fields = [_required(name, _never_null(kind)) for name, kind in types.items()]
+    fields = [_required(name, never_null(kind)) for name, kind in types.items()]
     text = json.dumps(description, sort_keys=True, allow_nan=False)
     return pa.schema(fields, metadata={METADATA_KEY: text.encode()})
+
+
+def never_null(kind: pa.DataType) -> pa.DataType:
+    """The type with no part of it nullable, and elements of one name."""
+    if pa.types.is_struct(kind):
+        return pa.struct([_required(field.name, never_null(field.type)) for field in kind])
+    if pa.types.is_fixed_size_list(kind):
+        return pa.list_(_required("element", never_null(kind.value_type)), kind.list_size)
+    return pa.list_(_required("element", never_null(kind.value_type))) if pa.types.is_list(kind) else kind
 
 
 def to_record_batch(frames: Sequence[Frame], schema: pa.Schema) -> pa.RecordBatch:
@@ -249,15 +258,6 @@ def to_record_batch(frames: Sequence[Frame], schema: pa.Schema) -> pa.RecordBatc
 
 def _required(name: str, kind: pa.DataType) -> pa.Field:
     return pa.field(name, kind, nullable=False)
-
-
-def _never_null(kind: pa.DataType) -> pa.DataType:
-    """The type with no part of it nullable."""
-    if pa.types.is_struct(kind):
-        return pa.struct([_required(field.name, _never_null(field.type)) for field in kind])
-    if pa.types.is_fixed_size_list(kind):
-        return pa.list_(_required("element", _never_null(kind.value_type)), kind.list_size)
-    return pa.list_(_required("element", _never_null(kind.value_type))) if pa.types.is_list(kind) else kind
 
 
 def _flat_array(frame: Frame, name: str, shape: tuple[int, ...]) -> NDArray[np.float32]:

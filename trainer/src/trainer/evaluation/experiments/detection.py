@@ -17,7 +17,7 @@ from trainer.evaluation.experiments.frames import RESIDUAL, OfFrames, gathered, 
 from trainer.evaluation.report.figures import TRUTH_COLOUR, counted, label_ends, legend_below, new_figure, subplots
 from trainer.evaluation.report.tables import AVERAGE_PRECISION, TRUTH, Condition, MetricRow, SummaryColumn
 from trainer.metrics.detection import D_MAX_BINS, PROMINENCES
-from trainer.metrics.ranking import mean_average_precision
+from trainer.metrics.ranking import average_precision
 
 DETECTION_PROBABILITY = "detection probability"
 OVER_NEXT = "average precision less that of the best other method"
@@ -53,7 +53,7 @@ def count_ranking(
 def count_gains(bench: Bench, results: Results, refs: Sequence[FrameRef], found: Numbers) -> None:
     """What each network's average precision has over the best of the other methods of its array, on the same frames.
 
-    Frames are drawn for both at once (:func:`trainer.metrics.ranking.mean_average_precision`). The condition names the
+    Frames are drawn for both at once (:func:`trainer.metrics.ranking.average_precision`). The condition names the
     other method.
     """
     for array in bench.arrays:
@@ -65,7 +65,7 @@ def count_gains(bench: Bench, results: Results, refs: Sequence[FrameRef], found:
             if not network.parameters or not others:
                 continue
             best = max(others, key=precision.__getitem__)
-            gain = mean_average_precision([rankings[network.method]], [rankings[best]], bench.config.seed)
+            gain = average_precision(rankings[network.method], rankings[best], bench.config.seed)
             found.add(network.key, OVER_NEXT, {"over": best}, gain, len(refs))
 
 
