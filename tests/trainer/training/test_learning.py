@@ -8,7 +8,7 @@ import torch
 from tiny_radar import NOISE_POWER, RADAR, TINY, frame, tiny
 
 from shared.signal.features import steering_weights
-from shared.signal.steering import manifold
+from shared.signal.signal import manifold
 from trainer.data.arrays import ArrayChoice, choose_array
 from trainer.data.shards import BatchOrder
 from trainer.metrics.cells import truth_cells

@@ -37,7 +37,7 @@ from jaxtyping import Complex64, Float32, Float64, Int, Int64
 from shared.radar import Radar
 from shared.signal.imaging import steering_matrix
 from shared.signal.namespace import Array, array_namespace, one_thread
-from shared.signal.steering import manifold
+from shared.signal.signal import manifold
 from shared.signal.windows import angle_window
 
 Rule = Literal["iaa", "likes"]

@@ -34,17 +34,17 @@ from trainer.evaluation.experiments.bench import (
     Numbers,
     Results,
     Task,
-    contender_task,
     known,
+    task_of,
 )
-from trainer.evaluation.experiments.contenders import Contender, gather
+from trainer.evaluation.experiments.contenders import NETWORKS, Contender, check_methods, gather
 from trainer.evaluation.experiments.cylinders import PointSpread, Reflectors
 from trainer.evaluation.experiments.detection import Detection
 from trainer.evaluation.experiments.doppler import Doppler
 from trainer.evaluation.experiments.frames import frame_refs, load_frame
 from trainer.evaluation.experiments.generalisation import SECONDS, Generalisation, Tradeoff
+from trainer.evaluation.experiments.measured import METHODS, Measured, fitting_networks
 from trainer.evaluation.experiments.measured import NAME as MEASURED
-from trainer.evaluation.experiments.measured import Measured, check_measured_methods, fitting_networks
 from trainer.evaluation.experiments.measured_input import MeasuredInput, with_arrays
 from trainer.evaluation.experiments.noise_only import NoiseOnly
 from trainer.evaluation.experiments.resolution import Resolution
@@ -173,8 +173,10 @@ def _prepared(
         raise InputError("--experiments", ", ".join(config.experiments), f"{MEASURED} alone without a dataset")
     # The default names are of the default radar: of another cube nobody has asked for them.
     asked = ("full",) if row.radar is not None and config.arrays == DEFAULT_ARRAYS else config.arrays
-    methods, radar = check_measured_methods(config.methods), row.radar or Radar()
-    arrays, remarks = [], []
+    if config.methods is not None:
+        check_methods(config.methods, (*METHODS, *NETWORKS))
+    methods = [name for name in config.methods or () if name not in NETWORKS]
+    arrays, remarks, radar = [], list[str](), row.radar or Radar()
     for name in asked:
         try:
             arrays.append(choose_array(name, radar))
@@ -299,7 +301,7 @@ def _seconds(bench: Bench, store: CellStore, advance: Progress) -> dict[tuple[st
     """Seconds for one image of each contender, one thread: the first test frame, whole."""
     ref = bench.frames[0]
     tasks = [
-        contender_task(bench, contender, ref.condition, bench.data_sha256, partial(_time, contender, ref))
+        task_of(bench, contender, ref.condition, bench.data_sha256, partial(_time, contender, ref))
         for contender in bench.contenders
     ]
     seconds = {}

@@ -21,7 +21,7 @@ from shared.processes.defaults import LARGEST_SEED
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.report.tables import Condition, MetricRow, SummaryColumn
+from trainer.evaluation.report.tables import TRUTH, Condition, MetricRow, SummaryColumn
 from trainer.evaluation.store import Values, digest
 from trainer.metrics.bootstrap import Interval, bootstrap_mean, bootstrap_ratio, wilson
 from trainer.run.folder import SceneRecord
@@ -128,20 +128,23 @@ class Task:
         return self.method, self.array, self.condition
 
 
-def contender_task(
-    bench: Bench, contender: Contender, condition: str, inputs: object, compute: Callable[[], Values]
+def task_of(
+    bench: Bench,
+    contender: Contender | None,
+    condition: str,
+    inputs: object,
+    compute: Callable[[], Values],
+    array: str = "",
 ) -> Task:
-    """A task of one contender, whose cell depends on the contender, the radar and ``inputs``, of plain JSON types."""
+    """A task whose cell depends on the radar, the contender and ``inputs``, of plain JSON types.
+
+    :param contender: None for what belongs to none, the truth
+    :param array: of the truth's task, if it belongs to one
+    """
     radar = bench.radar.model_dump(mode="json")
-    fingerprint = digest([contender.inputs, radar, inputs])
-    return Task(*contender.key, condition, fingerprint, compute, contender.device)
-
-
-def radar_task(
-    bench: Bench, method: str, condition: str, inputs: object, compute: Callable[[], Values], array: str = ""
-) -> Task:
-    """A task that belongs to no contender, and as a rule to no array, such as the truth of a simulated scene."""
-    return Task(method, array, condition, digest([bench.radar.model_dump(mode="json"), inputs]), compute)
+    if contender is None:
+        return Task(TRUTH, array, condition, digest([radar, inputs]), compute)
+    return Task(*contender.key, condition, digest([contender.inputs, radar, inputs]), compute, contender.device)
 
 
 Results = Mapping[tuple[str, str, str], Values]
@@ -279,7 +282,7 @@ class Simulated(Experiment):
             return self.score(bench, contender, place, kept(place))
 
         return [
-            contender_task(bench, contender, condition, self.inputs(bench), partial(cell, contender, place))
+            task_of(bench, contender, condition, self.inputs(bench), partial(cell, contender, place))
             for place, condition in enumerate(self.conditions(bench))
             for contender in self.entrants(bench)
         ]

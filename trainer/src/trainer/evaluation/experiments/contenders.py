@@ -98,16 +98,13 @@ def look_of(contenders: Sequence[Contender]) -> Look:
     return Look([one.method for one in contenders], [one.array.name for one in contenders])
 
 
-def check_methods(names: Sequence[str]) -> None:
+def check_methods(names: Sequence[str], known: Sequence[str] = (*ESTIMATORS, *NETWORKS)) -> None:
     """Refuse names that stand for no method.
 
     :raises InputError: none, one that does not exist, one twice
     """
-    known = ", ".join([*ESTIMATORS, *NETWORKS])
-    if not names:
-        raise InputError("--methods", "none", f"some of {known}")
-    if unknown := [name for name in names if name not in (*ESTIMATORS, *NETWORKS)]:
-        raise InputError("--methods", repr(unknown[0]), f"some of {known}")
+    if unknown := [repr(name) for name in names if name not in known] if names else ["none"]:
+        raise InputError("--methods", unknown[0], f"some of {', '.join(known)}")
     if twice := [name for index, name in enumerate(names) if name in names[:index]]:
         raise InputError("--methods", f"{twice[0]!r} twice", "every method once")
 

@@ -21,7 +21,7 @@ from shared.radar import Radar
 from shared.signal import target_amplitudes
 from shared.signal.windows import cell_noise_power
 from trainer.data.simulation import close_up, in_plane, out_of_sight, resolution_cell, snapshot, truth_image
-from trainer.evaluation.experiments.bench import Bench, Numbers, Results, Simulated, Task, radar_task
+from trainer.evaluation.experiments.bench import Bench, Numbers, Results, Simulated, Task, task_of
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.figures import image_panels
 from trainer.evaluation.report.page import REPORT_SPAN_DB, own_levels
@@ -85,7 +85,7 @@ class Cylinders(Simulated):
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
         shown = self.conditions(bench)[self.shown]
-        return [*super().tasks(bench), radar_task(bench, TRUTH, shown, self.inputs(bench), partial(self._truth, bench))]
+        return [*super().tasks(bench), task_of(bench, None, shown, self.inputs(bench), partial(self._truth, bench))]
 
     def _truth(self, bench: Bench) -> Values:
         rows, _ = close_up(bench.radar, RANGE_M)

@@ -20,7 +20,7 @@ from shared.physics.errors import figure_text
 from shared.pictures import COLOUR_MAP, SPAN_DB, hold_peaks, level_db, range_weighted, range_weighted_db
 from shared.radar import Radar
 from shared.signal.ego_motion import folded
-from trainer.evaluation.experiments.bench import Bench, Experiment, FrameRef, Numbers, Results, Task, contender_task
+from trainer.evaluation.experiments.bench import Bench, Experiment, FrameRef, Numbers, Results, Task, task_of
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import load_frame
 from trainer.evaluation.experiments.street import true_magnitude
@@ -63,9 +63,7 @@ class Doppler(Experiment):
             for contender in bench.contenders:
                 keep = ref == frames[0] and contender is shown
                 work = partial(_score, bench.radar, contender, ref, keep)
-                tasks.append(
-                    contender_task(bench, contender, ref.condition, [bench.data_sha256, ref.frame_id, keep], work)
-                )
+                tasks.append(task_of(bench, contender, ref.condition, [bench.data_sha256, ref.frame_id, keep], work))
         return tasks
 
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:

@@ -24,12 +24,10 @@ from trainer.evaluation.experiments.bench import (
     FrameRef,
     Results,
     Task,
-    contender_task,
-    radar_task,
+    task_of,
 )
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.page import scene_levels
-from trainer.evaluation.report.tables import TRUTH
 from trainer.evaluation.store import Values
 from trainer.metrics.cells import CellScores, score_cells
 from trainer.metrics.detection import (
@@ -87,16 +85,12 @@ def frame_tasks(bench: Bench) -> list[Task]:
     for ref in bench.frames:
         inputs, load = [bench.data_sha256, ref.frame_id], partial(load_frame, ref)
         tasks += [
-            contender_task(bench, contender, ref.condition, inputs, partial(score_frame, contender, load))
+            task_of(bench, contender, ref.condition, inputs, partial(score_frame, contender, load))
             for contender in bench.contenders
         ]
-        tasks += [
-            radar_task(
-                bench, TRUTH, ref.condition, [*inputs, list(array.rx)], partial(score_truth, bench.radar, array, load),
-                array.name,
-            )
-            for array in bench.arrays
-        ]  # fmt: skip
+        for array in bench.arrays:
+            truth = partial(score_truth, bench.radar, array, load)
+            tasks.append(task_of(bench, None, ref.condition, [*inputs, list(array.rx)], truth, array.name))
     return tasks
 
 

@@ -25,7 +25,7 @@ from trainer.estimators.lines import line_amplitudes
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music
 from trainer.evaluation.experiments.bench import Bench, Experiment, Numbers, Results, Task, known
-from trainer.evaluation.experiments.contenders import NETWORKS, kind_of
+from trainer.evaluation.experiments.contenders import kind_of
 from trainer.evaluation.experiments.measured_figures import cartesian_figure, cut_figure
 from trainer.evaluation.experiments.measured_input import MeasuredInput, snapshot_radar
 from trainer.evaluation.report.tables import MetricRow
@@ -168,19 +168,6 @@ def fitting_networks(
                 raise
             obstacles.append(f"left out: {error}")
     return networks, obstacles
-
-
-def check_measured_methods(methods: Sequence[str] | None) -> tuple[str, ...]:
-    """The estimators among the methods asked for, none where all are to look.
-
-    :raises InputError: an unknown one, or none
-    """
-    chosen = tuple(name for name in methods or () if name not in NETWORKS)
-    if unknown := [name for name in chosen if name not in METHODS]:
-        raise InputError("--methods", repr(unknown[0]), f"some of {', '.join((*METHODS, *NETWORKS))}")
-    if methods is not None and not methods:
-        raise InputError("--methods", "none", f"some of {', '.join(METHODS)}")
-    return chosen
 
 
 def _elements(measured: MeasuredInput, answer: NetworkAnswer) -> NDArray[np.intp]:

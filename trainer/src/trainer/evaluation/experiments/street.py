@@ -22,8 +22,7 @@ from trainer.evaluation.experiments.bench import (
     Numbers,
     Results,
     Task,
-    contender_task,
-    radar_task,
+    task_of,
 )
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import load_frame, one_of_each_scene, static_world
@@ -61,10 +60,10 @@ class Street(Experiment):
         for ref in shown_frames(bench):
             inputs = [bench.data_sha256, ref.frame_id]
             tasks += [
-                contender_task(bench, contender, ref.condition, inputs, partial(_levels, contender, ref))
+                task_of(bench, contender, ref.condition, inputs, partial(_levels, contender, ref))
                 for contender in bench.contenders
             ]
-            tasks.append(radar_task(bench, TRUTH, ref.condition, inputs, partial(_truth, bench.radar, ref)))
+            tasks.append(task_of(bench, None, ref.condition, inputs, partial(_truth, bench.radar, ref)))
         return tasks
 
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
