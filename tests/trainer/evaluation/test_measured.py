@@ -146,32 +146,6 @@ def test_a_cube_is_cut_at_a_range_and_seen_from_above(tmp_path):
     assert any("a channel of 'mine' is dead or off the line" in line for line in said)
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ([], "arguments: neither a dataset nor --measured; expected one of both, or both"),
-        (["--measured", "PAIR", "--range", "3"], "--range: 3 m of a snapshot; expected no --range"),
-        (["--measured", "PAIR", "--targets", "0"], "--targets: 0; expected 1 or more"),
-        (["--measured", "PAIR", "--targets", "6"], "--targets: 6 with 10 elements; expected at most 5"),
-        (["--measured", "PAIR", "--model-error", "3"], "model_error_db: 3.0; expected at most 0 dB"),
-        (["--measured", "PAIR", "--experiments", "detection"], "--experiments: detection; expected measured alone"),
-        (["--measured", "PAIR", "--methods", "capon"], "--methods: 'capon'; expected some of das, "),
-        (["--measured", "PAIR", "--run", "none"], "none: no run.json; expected a run folder"),
-        (["--measured", "none.npz"], "--measured: none.npz; expected a .mat or .npy file"),
-        (["--measured", "CUBE", "--range", "30"], "--range: 30 m; expected 0 to "),
-    ],
-)
-def test_what_cannot_be_looked_at_is_one_line(inputs, tmp_path, capsys, monkeypatch, given, message):
-    monkeypatch.chdir(tmp_path)
-    cube = write_capture(tmp_path / "cube.npz", other_radar()) if "CUBE" in given else None
-    places = {"PAIR": inputs[3], "CUBE": cube}
-    code, said = status(capsys, monkeypatch, *(places.get(word, word) for word in given), "--out", "out")
-    assert code == 2
-    assert said.startswith(f"trainer: {message}"), said
-    assert said.count("\n") == 1
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.fixture(scope="module")
 def reflectors() -> MeasuredInput:
     return read_measured(reference_file("measured", "two_reflectors", "realData_demo.mat"), targets=2)
