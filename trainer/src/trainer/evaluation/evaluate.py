@@ -105,8 +105,7 @@ def evaluate(
     with output_folder(out, resume, "an empty or new folder, or --resume to keep what is finished") as folder:
         if resume:
             _require_cells(out)
-        _check_experiments(config.experiments)
-        bench, chosen, remarks = _prepared(dataset, measured, config)
+        bench, chosen, title, remarks = _prepared(dataset, measured, config)
         remove_partial(out)
         store = CellStore(out / CELLS)
         for line in remarks:
@@ -140,7 +139,7 @@ def evaluate(
             texts = {SUMMARY: summary(table, SUMMARY_COLUMNS), **texts}
         frames = [] if dataset is None else report_frames(bench, shown, open_dataset(dataset))
         ran = ", ".join(experiment.name for experiment in chosen)
-        page = report_page(_title(dataset, measured), _introduction(bench, ran), bench.radar, frames, figures, table)
+        page = report_page(title, _introduction(bench, ran), bench.radar, frames, figures, table)
         for name, text in {REPORT: page, **texts}.items():
             write_text(out / name, text)
     if stale := sum(path.name not in written for path in (out / FIGURES).iterdir()):
@@ -156,8 +155,8 @@ def evaluate(
 
 def _prepared(
     dataset: Location | str | None, row: MeasuredInput | None, config: EvaluationConfig
-) -> tuple[Bench, list[Experiment], list[str]]:
-    """(what the experiments work on, those that apply, a line for each thing left out and on precision)."""
+) -> tuple[Bench, list[Experiment], str, list[str]]:
+    """(what the experiments work on, those that apply, title, a line for each thing left out and on precision)."""
     if dataset is not None:
         bench, left_out = open_bench(dataset, config)
         arrays = [contender.array for contender in bench.contenders]
@@ -166,7 +165,7 @@ def _prepared(
         remarks += _of_precision(contender.answer for contender in bench.contenders)
         for kind, count in left_out.items():
             remarks.append(f"{count} {kind} frames of the test split are left out: --frames {config.frames}")
-        return bench, chosen, remarks
+        return bench, chosen, f"Evaluation on {folder_name(locate(dataset))}", remarks
     if row is None:
         raise InputError("arguments", "neither a dataset nor --measured", "one of both, or both")
     if config.experiments is not None and config.experiments != (MEASURED,):
@@ -185,7 +184,7 @@ def _prepared(
     networks, others = fitting_networks(row, config.runs)
     remarks += [*others, *_of_precision(answer for _, answer in networks)]
     alone = Measured(with_arrays(row, radar, arrays), methods, networks)
-    return Bench("", radar, (), frozenset(), (), config), [alone], remarks
+    return Bench("", radar, (), frozenset(), (), config), [alone], f"Evaluation of {row.path.name}", remarks
 
 
 def open_bench(source: Location | str, config: EvaluationConfig) -> tuple[Bench, dict[str, int]]:
@@ -222,7 +221,9 @@ def choose_experiments(
     :param names: of :data:`NAMES`; None for all
     :raises InputError: an unknown name, one that does not apply, none, a snapshot that no experiment looks at
     """
-    _check_experiments(names)
+    unknown = [repr(name) for name in names or () if name not in NAMES]
+    if unknown or (names is not None and not names):
+        raise InputError("--experiments", unknown[0] if unknown else "none", f"some of {', '.join(NAMES)}")
     every: dict[str, Experiment | None] = {**EXPERIMENTS, MEASURED: measured}
     wanted = {name: every[name] for name in NAMES if names is None or name in names}
     if measured is not None and MEASURED not in wanted:
@@ -241,13 +242,6 @@ def choose_experiments(
     return chosen, lines
 
 
-def _title(dataset: Location | str | None, measured: MeasuredInput | None) -> str:
-    if dataset is not None:
-        return f"Evaluation on {folder_name(locate(dataset))}"
-    assert measured is not None
-    return f"Evaluation of {measured.path.name}"
-
-
 def _introduction(bench: Bench, ran: str) -> str:
     """:param ran: names of the experiments"""
     config = bench.config
@@ -261,13 +255,6 @@ def _introduction(bench: Bench, ran: str) -> str:
         f"Radar {bench.radar.name}; test frames: {counts}; methods: {methods}; arrays: {arrays}; {config.trials} "
         f"simulated trials of a condition; seed {config.seed}; experiments: {ran}."
     )
-
-
-def _check_experiments(names: Sequence[str] | None) -> None:
-    if unknown := [name for name in names or () if name not in NAMES]:
-        raise InputError("--experiments", repr(unknown[0]), f"some of {', '.join(NAMES)}")
-    if names is not None and not names:
-        raise InputError("--experiments", "none", f"some of {', '.join(NAMES)}")
 
 
 def _require_cells(out: Path) -> None:
