@@ -18,15 +18,7 @@ from tiny_radar import RADAR
 
 from trainer.data.simulation import Condition
 from trainer.evaluation.evaluate import SUMMARY_COLUMNS
-from trainer.evaluation.report.figures import (
-    Look,
-    image_panels,
-    image_sheet,
-    legend_below,
-    new_figure,
-    save_figure,
-    subplots,
-)
+from trainer.evaluation.report.figures import Look, image_panels, image_sheet, legend_below, panels, save_figure
 from trainer.evaluation.report.page import ReportFigure, ReportFrame, report_page
 from trainer.evaluation.report.tables import MetricRow, metrics_table, summary, write_table
 
@@ -155,9 +147,8 @@ def test_a_missing_contender_is_said_in_its_panel():
 
 
 def test_a_legend_of_many_long_names_stays_within_its_figure():
-    figure = new_figure(4.0, 3.0, "title")
-    subplots(figure, 1, 1)
-    legend_below(figure, Look([f"unet:a folder of name {n}" for n in range(8)], ["full"]).method_handles())
+    figure, _ = panels(1, 1, (4.0, 3.0), "title")
+    legend_below(figure, Look((f"unet:a folder of name {n}", "full") for n in range(8)).method_handles())
     figure.draw_without_rendering()
     (legend,) = figure.legends
     box = legend.get_window_extent()
@@ -168,8 +159,8 @@ def test_a_legend_of_many_long_names_stays_within_its_figure():
 def test_figures_are_the_same_bytes_twice(tmp_path):
     def draw(folder):
         folder.mkdir()
-        figure = new_figure(3.0, 2.0, "title")
-        subplots(figure, 1, 2)[0, 0].plot([0, 1], [1, 0])
+        figure, axes = panels(1, 2, (3.0, 2.0), "title")
+        axes[0, 0].plot([0, 1], [1, 0])
         save_figure(figure, folder, "it")
         return [(folder / f"it.{kind}").read_bytes() for kind in ("png", "svg")]
 

@@ -19,7 +19,6 @@ from trainer.data.arrays import ArrayChoice
 from trainer.data.simulation import Trials
 from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.fitting import fit_lines, score_peaks
-from trainer.evaluation.report.figures import Look
 from trainer.evaluation.store import digest
 from trainer.run.answers import Answer, array_answer, network_answer
 from trainer.run.detections import CANDIDATES
@@ -91,11 +90,6 @@ class Contender:
             lines = fit_lines(matrix[trials.rows][:, answer.channels], answer.line, noise, candidates)
             found.append(np.sort(lines.u[:, :count], axis=1))
         return np.concatenate(found)
-
-
-def look_of(contenders: Sequence[Contender]) -> Look:
-    """Colours and lines of these."""
-    return Look([one.method for one in contenders], [one.array.name for one in contenders])
 
 
 def check_methods(names: Sequence[str], known: Sequence[str] = (*ESTIMATORS, *NETWORKS)) -> None:

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from shared.physics.errors import figure_text
 from trainer.evaluation.experiments.bench import Bench, FrameRef, Numbers, Results
-from trainer.evaluation.experiments.contenders import Contender, look_of
+from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import RESIDUAL, OfFrames, gathered, ranking
-from trainer.evaluation.report.figures import TRUTH_COLOUR, counted, label_ends, legend_below, new_figure, subplots
+from trainer.evaluation.report.figures import TRUTH_COLOUR, Look, counted, label_ends, legend_below, panels
 from trainer.evaluation.report.tables import AVERAGE_PRECISION, TRUTH, Condition, MetricRow, SummaryColumn
 from trainer.metrics.detection import D_MAX_BINS, PROMINENCES
 from trainer.metrics.ranking import average_precision
@@ -71,9 +71,9 @@ def count_gains(bench: Bench, results: Results, refs: Sequence[FrameRef], found:
 
 def ranking_figure(bench: Bench, results: Results, refs: Sequence[FrameRef]) -> Figure:
     """Detection probability over false alarms a frame, a panel for each array."""
-    look = look_of(bench.contenders)
-    figure = new_figure(4.4 * len(look.arrays) + 0.6, 4.6, f"{TITLE}: {counted(len(refs), 'frame')}")
-    axes = subplots(figure, 1, len(look.arrays), sharey=True)[0]
+    look = Look(one.key for one in bench.contenders)
+    size, title = (4.4 * len(look.arrays) + 0.6, 4.6), f"{TITLE}: {counted(len(refs), 'frame')}"
+    figure, (axes,) = panels(1, len(look.arrays), size, title, sharey=True)
     least, most = SHOWN_FALSE_ALARMS
     places = np.geomspace(least, most, 241)
     for axis, array in zip(axes, look.arrays, strict=True):
@@ -156,9 +156,9 @@ class Detection(OfFrames):
 
     def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
         refs = self.refs(bench)
-        look = look_of(bench.contenders)
-        figure = new_figure(11.0, 6.4, f"{self.title}: {counted(len(refs), 'frame')}")
-        axes = subplots(figure, len(D_MAX_BINS), len(RATES), sharex=True, sharey="col")
+        look = Look(one.key for one in bench.contenders)
+        title = f"{self.title}: {counted(len(refs), 'frame')}"
+        figure, axes = panels(len(D_MAX_BINS), len(RATES), (11.0, 6.4), title, sharex=True, sharey="col")
         for contender in bench.contenders:
             counts = gathered(results, contender, refs, "paper").sum(axis=0)
             style = {"color": look.colour(contender.method), "ls": look.line(contender.array.name), "lw": 1.3}

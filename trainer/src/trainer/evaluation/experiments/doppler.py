@@ -24,7 +24,7 @@ from trainer.evaluation.experiments.bench import Bench, Experiment, FrameRef, Nu
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import load_frame
 from trainer.evaluation.experiments.street import true_magnitude
-from trainer.evaluation.report.figures import PANEL_PIXELS, colour_bar, draw_image, new_figure, subplots
+from trainer.evaluation.report.figures import PANEL_PIXELS, colour_bar, draw_image, panels
 from trainer.evaluation.report.page import doppler_map
 from trainer.evaluation.report.tables import MetricRow
 from trainer.evaluation.store import Values
@@ -94,16 +94,16 @@ class Doppler(Experiment):
         if found[0]:
             title += f": of {found[0]:.0f} targets in a weaker peak "
             title += f"{found[1]:.0f} found by the strongest alone, {found[2]:.0f} by all"
-        figure = new_figure(2.2 * (len(images) + 3) + 1.5, 4.4, title)
-        axes = subplots(figure, 1, len(images) + 3, width_ratios=[1.4, *[1.0] * (len(images) + 2)])
+        ratios = [1.4, *[1.0] * (len(images) + 2)]
+        figure, axes = panels(1, len(ratios), (2.2 * len(ratios) + 1.5, 4.4), title, width_ratios=ratios)
         _draw_range_doppler(axes[0, 0], frame, radar)
         names = ["strongest peak", "second peak", "third peak", *(f"peak {n}" for n in range(4, len(images) + 1))]
-        panels = [*zip(names, (level_db(image, reference) for image in shown), strict=False)]
-        panels.append(("maximum of all", level_db(shown.max(axis=0), reference)))
+        pictures = [*zip(names, (level_db(image, reference) for image in shown), strict=False)]
+        pictures.append(("maximum of all", level_db(shown.max(axis=0), reference)))
         truth = range_weighted(true_magnitude(ref))
-        panels.append(("truth of the strongest", level_db(truth, float(truth.max()))))
+        pictures.append(("truth of the strongest", level_db(truth, float(truth.max()))))
         moving = [target for target in frame.targets if _place(target, frame, radar) == 1]
-        for axis, (name, levels) in zip(axes[0, 1:], panels, strict=True):
+        for axis, (name, levels) in zip(axes[0, 1:], pictures, strict=True):
             draw_image(axis, levels, radar, name)
             axis.set(xlabel="u = sin(azimuth)", yticklabels=[])
         axes[0, -1].plot([t.u for t in moving], [t.range_m for t in moving], "o", mfc="none", mec="cyan", ms=5, mew=0.7)

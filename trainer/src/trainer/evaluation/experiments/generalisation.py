@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 
 from shared.physics.errors import figure_text
 from trainer.evaluation.experiments.bench import Bench, FrameRef, Numbers, Results, known
-from trainer.evaluation.experiments.contenders import Contender, look_of
+from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.detection import SSIM, count_frames
 from trainer.evaluation.experiments.frames import OfFrames
-from trainer.evaluation.report.figures import counted, draw_bar, legend_below, new_figure, subplots
+from trainer.evaluation.report.figures import Look, counted, draw_bar, legend_below, panels
 from trainer.evaluation.report.tables import AVERAGE_PRECISION, MetricRow
 from trainer.run.folder import Fingerprint
 
@@ -40,10 +40,10 @@ class Generalisation(OfFrames):
     def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
         of_scene = {(row.method, row.array, row.metric, row.condition["scene"]): row for row in rows}
         scenes = by_scene(bench)
-        look = look_of(bench.contenders)
+        look = Look(one.key for one in bench.contenders)
         width = max(7.0, 1.2 + len(scenes) * (0.28 * len(bench.contenders) + 0.4))
-        figure = new_figure(width, 6.0, self.title)
-        axes = subplots(figure, len(SHOWN), 1, sharex=True)[:, 0]
+        figure, grid = panels(len(SHOWN), 1, (width, 6.0), self.title, sharex=True)
+        axes = grid[:, 0]
         slot = 0.85 / len(bench.contenders)
         for axis, metric in zip(axes, SHOWN, strict=True):
             for place, contender in enumerate(bench.contenders):
@@ -118,9 +118,8 @@ class Tradeoff(OfFrames):
             found.add(contender.key, PARAMETERS, {}, known(float(contender.parameters)))
 
     def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
-        look = look_of(bench.contenders)
-        figure = new_figure(10.0, 4.8, self.title)
-        axes = subplots(figure, 1, len(SHOWN))[0]
+        look = Look(one.key for one in bench.contenders)
+        figure, (axes,) = panels(1, len(SHOWN), (10.0, 4.8), self.title)
         for contender in bench.contenders:
             quality = Numbers(self.name, bench.config.seed)
             count_frames(bench, results, contender, self.refs(bench), {}, quality)

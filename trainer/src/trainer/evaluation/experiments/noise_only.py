@@ -12,8 +12,8 @@ from shared.physics.errors import figure_text
 from shared.signal.windows import cell_noise_power
 from trainer.data.simulation import snapshot
 from trainer.evaluation.experiments.bench import Bench, Numbers, Results, Simulated
-from trainer.evaluation.experiments.contenders import Contender, look_of
-from trainer.evaluation.report.figures import draw_bar, new_figure, subplots
+from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.report.figures import Look, draw_bar, panels
 from trainer.evaluation.report.tables import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.metrics.peaks import false_alarms, noise_level
@@ -66,9 +66,8 @@ class NoiseOnly(Simulated):
 
     def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
         contenders = _judged(bench)
-        look = look_of(contenders)
-        figure = new_figure(max(5.0, 0.5 * len(contenders) + 1.5), 3.6, self.title)
-        axis = subplots(figure, 1, 1)[0, 0]
+        look = Look(one.key for one in contenders)
+        figure, ((axis,),) = panels(1, 1, (max(5.0, 0.5 * len(contenders) + 1.5), 3.6), self.title)
         for place, row in enumerate(rows):
             draw_bar(axis, place, row, color=look.colour(row.method))
         axis.set_xticks(range(len(contenders)), [figure_text(c.name) for c in contenders], rotation=60, ha="right")

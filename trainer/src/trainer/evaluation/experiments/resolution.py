@@ -20,8 +20,8 @@ from shared.physics.errors import figure_text
 from trainer.data.simulation import Condition, Trials, no_room, simulate
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.evaluation.experiments.bench import Bench, Numbers, Results, Simulated
-from trainer.evaluation.experiments.contenders import Contender, estimator_contender, look_of
-from trainer.evaluation.report.figures import legend_below, new_figure, subplots
+from trainer.evaluation.experiments.contenders import Contender, estimator_contender
+from trainer.evaluation.report.figures import Look, legend_below, panels
 from trainer.evaluation.report.tables import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.metrics.peaks import point_spread, resolved, single_source_bound, strongest_peaks
@@ -104,9 +104,9 @@ class Resolution(Simulated):
 
     def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
         contenders = entrants(bench)
-        look = look_of(contenders)
-        figure = new_figure(3.4 * len(look.arrays) + 0.6, 6.6, self.title)
-        axes = subplots(figure, 2, len(look.arrays), sharey="row")
+        look = Look(one.key for one in contenders)
+        size = 3.4 * len(look.arrays) + 0.6, 6.6
+        figure, axes = panels(2, len(look.arrays), size, self.title, sharey="row")
         for contender in contenders:
             column = look.arrays.index(contender.array.name)
             ceiling = contender.method == CEILING

@@ -17,8 +17,8 @@ from shared.radar.arrays import AntennaArray
 from trainer.data.arrays import ArrayChoice
 from trainer.data.simulation import Condition, Trials, no_room, resolution_cell, simulate, trial_rows
 from trainer.evaluation.experiments.bench import Bench, Numbers, Results, Simulated
-from trainer.evaluation.experiments.contenders import Contender, look_of
-from trainer.evaluation.report.figures import legend_below, new_figure, subplots
+from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.report.figures import Look, legend_below, panels
 from trainer.evaluation.report.tables import MetricRow, condition_text
 from trainer.evaluation.store import Values
 from trainer.metrics.detection import find_image_peaks
@@ -151,9 +151,8 @@ class Robustness(Simulated):
                 found.mean(contender, METRICS[1], impairment.named, cell[METRICS[1]])
 
     def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
-        look = look_of(bench.contenders)
-        figure = new_figure(13.0, 5.4, self.title)
-        axes = subplots(figure, len(METRICS), len(SIZES), sharey="row", sharex="col")
+        look = Look(one.key for one in bench.contenders)
+        figure, axes = panels(len(METRICS), len(SIZES), (13.0, 5.4), self.title, sharey="row", sharex="col")
         for column, (kind, sizes) in enumerate(SIZES.items()):
             unit = f" [{UNITS[kind]}]" if UNITS[kind] else ""
             axes[-1, column].set_xlabel(f"{kind}{unit}")

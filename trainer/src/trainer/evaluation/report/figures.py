@@ -67,11 +67,11 @@ Levels = Mapping[tuple[str, str], NDArray[np.floating]]
 class Look:
     """Colours and lines of the methods and arrays of one figure.
 
-    :param methods: in their order
-    :param arrays: names, in their order
+    :param keys: (method, array) of each contender, in their order
     """
 
-    def __init__(self, methods: Iterable[str], arrays: Iterable[str]) -> None:
+    def __init__(self, keys: Iterable[tuple[str, str]]) -> None:
+        methods, arrays = zip(*keys, strict=True)
         self.methods, self.arrays = list(dict.fromkeys(methods)), list(dict.fromkeys(arrays))
 
     def colour(self, method: str) -> str:
@@ -136,19 +136,22 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def new_figure(width: float, height: float, title: str) -> Figure:
-    """An empty figure, inches; independent of what else runs in the process."""
+def panels(
+    lines: int, columns: int, size: tuple[float, float], title: str, shown: int | None = None, **arguments: Any
+) -> tuple[Figure, NDArray[np.object_]]:
+    """(figure, [lines, columns] axes) in the common style; independent of what else runs in the process.
+
+    :param size: width and height of the figure [inches]
+    :param shown: how many of the axes are shown; all by default
+    """
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(width, height), layout="constrained")
+        figure = Figure(figsize=size, layout="constrained")
         FigureCanvasAgg(figure)
         figure.suptitle(title, fontsize=10.0)
-    return figure
-
-
-def subplots(figure: Figure, rows: int, columns: int, **arguments: Any) -> NDArray[np.object_]:
-    """[rows, columns] axes in the common style."""
-    with matplotlib.rc_context(STYLE):
-        return np.asarray(figure.subplots(rows, columns, squeeze=False, **arguments))
+        axes = np.asarray(figure.subplots(lines, columns, squeeze=False, **arguments))
+    for axis in axes.ravel()[shown or axes.size :]:
+        axis.set_visible(False)
+    return figure, axes
 
 
 def draw_bar(axis: Axes, place: float, row: MetricRow, width: float = 0.8, **style: Any) -> None:
@@ -216,11 +219,11 @@ def image_panels(
     :param reach: u shown beyond the outermost targets
     :param notes: numbers written into the panels, by (method, array)
     """
-    look = Look([method for method, _ in levels], [array for _, array in levels])
+    look = Look(levels)
     names, targets = [*look.methods, "truth"], [u for _, u in marks]
     ratios = [1.0] * len(names) + [1.8]
-    figure = new_figure(2.0 * sum(ratios) + 0.8, 2.4 * len(look.arrays) + 1.1, title)
-    axes = subplots(figure, len(look.arrays), len(ratios), width_ratios=ratios)
+    size = 2.0 * sum(ratios) + 0.8, 2.4 * len(look.arrays) + 1.1
+    figure, axes = panels(len(look.arrays), len(ratios), size, title, width_ratios=ratios)
     above = [r + MARK_ABOVE_BINS * radar.waveform.range_step_m for r, _ in marks]
     limits = max(targets) + reach, min(targets) - reach  # u falls from left to right
     cut_row = round(marks[0][0] / radar.waveform.range_step_m) - first_row
@@ -266,14 +269,12 @@ def image_sheet(
     :param levels: [R, U] by method [dB], at most 0
     :param truth: the same of the virtual sensor's image
     """
-    panels = [*levels.items(), ("truth", truth)]
-    lines = -(-len(panels) // SHEET_COLUMNS)
-    figure = new_figure(2.2 * SHEET_COLUMNS + 0.8, 2.3 * lines + 0.6, title)
-    axes = subplots(figure, lines, SHEET_COLUMNS)
-    for axis, (name, image) in zip(axes.ravel(), panels, strict=False):
+    images = [*levels.items(), ("truth", truth)]
+    lines = -(-len(images) // SHEET_COLUMNS)
+    size = 2.2 * SHEET_COLUMNS + 0.8, 2.3 * lines + 0.6
+    figure, axes = panels(lines, SHEET_COLUMNS, size, title, len(images))
+    for axis, (name, image) in zip(axes.ravel(), images, strict=False):
         draw_image(axis, image, radar, name)
-    for axis in axes.ravel()[len(panels) :]:
-        axis.set_visible(False)
     label_images(axes)
     colour_bar(figure, axes)
     return figure
