@@ -14,8 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from shared.radar import Radar, load_radar
-from shared.signal.signal import if_signal
-from shared.signal.steering import manifold
+from shared.signal.signal import if_signal, manifold
 
 BOARDS = ("iwr1843", "awr2944", "mmwcas")
 ANGLE_DEG, RANGE_M = 20.0, 8.0

@@ -35,8 +35,8 @@ from shared.dataset.boxes import footprint, range_and_u
 from shared.dataset.folder import open_dataset
 from shared.dataset.reading import radar_of
 from shared.radar import Radar
+from shared.signal.signal import manifold
 from shared.signal.spectrum import range_doppler
-from shared.signal.steering import manifold
 from shared.signal.windows import cell_noise_power
 
 Real = NDArray[np.float64]

@@ -21,7 +21,7 @@ from trainer.evaluation.experiments.bench import EvaluationConfig
 from trainer.evaluation.experiments.frames import frame_tasks, ranking, scene_frames
 from trainer.evaluation.experiments.generalisation import trained_on
 from trainer.metrics.bootstrap import Interval
-from trainer.metrics.ranking import mean_average_precision
+from trainer.metrics.ranking import average_precision
 from trainer.run.folder import read_run
 
 OUT = Path(os.environ.get("EXAMPLES_OUT", "build/examples")) / "worlds"
@@ -60,12 +60,10 @@ def compare(unseen: Path, runs: Sequence[Path]) -> list[Point]:
             if trained_on(bench, contender, scene) != "no":
                 sys.exit(f"{contender.method} may have been trained on scene {scene!r}")
     results = {task.key: task.compute() for task in frame_tasks(bench)}
-    of_run = {
-        one.method.partition(":")[2]: ranking(results, one.method, one.array.name, refs) for one in bench.contenders
-    }
+    of_run = {one.method.partition(":")[2]: ranking(results, one.key, refs) for one in bench.contenders}
     rankings = [of_run[run.resolve().name] for run in runs]
     return [
-        Point(*seen_by(run), mean_average_precision([one]), mean_average_precision([one], [rankings[0]]))
+        Point(*seen_by(run), average_precision(one), average_precision(one, rankings[0]))
         for run, one in zip(runs, rankings, strict=True)
     ]
 

@@ -27,7 +27,7 @@ from trainer.data.measurements import Measurement
 from trainer.evaluation.experiments.frames import static_world
 from trainer.metrics.bootstrap import Interval, bootstrap_mean
 from trainer.metrics.image import nmse
-from trainer.metrics.ranking import CellScores, Ranking, mean_average_precision, pooled
+from trainer.metrics.ranking import CellScores, Ranking, average_precision, pooled
 from trainer.run.answers import Answer, array_answer, network_answer
 from trainer.run.folder import load_imager
 from trainer.run.pretrained import pretrained_run
@@ -48,11 +48,11 @@ def main(dataset: Path, arrays: Sequence[str]) -> None:
         views = array_answer("likes-view-ego", choose_array(array, radar), radar)
         found["estimated"] = scored(views, [_estimated(frame, views) for frame in frames], radar)
         for name, (ranking, errors) in found.items():
-            row(array, name, mean_average_precision([ranking]), bootstrap_mean(errors))
+            row(array, name, average_precision(ranking), bootstrap_mean(errors))
         for one, other in PAIRS:
             if one in found:
                 (ranking, errors), (below, error_below) = found[one], found[other]
-                gain = mean_average_precision([ranking], [below])
+                gain = average_precision(ranking, below)
                 row(array, f"{one} less {other}", gain, bootstrap_mean(errors - error_below))
 
 

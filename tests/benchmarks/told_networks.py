@@ -17,7 +17,7 @@ from ego_motion import row, scored
 from shared.dataset.folder import MANIFEST, open_dataset
 from shared.dataset.reading import radar_of
 from trainer.metrics.bootstrap import bootstrap_mean
-from trainer.metrics.ranking import mean_average_precision
+from trainer.metrics.ranking import average_precision
 from trainer.run.answers import NetworkAnswer, network_answer
 from trainer.run.folder import load_imager, read_run
 from trainer.run.pretrained import pretrained_run
@@ -37,10 +37,10 @@ def main(dataset: Path, plain: Path, told: Path) -> None:
         for share, suffix in ((0.0, ""), (1.0, ", told")):
             found[name + suffix] = scored(with_share(folder, share), frames, radar)
     for name, (ranking, errors) in found.items():
-        row(array, name, mean_average_precision([ranking]), bootstrap_mean(errors))
+        row(array, name, average_precision(ranking), bootstrap_mean(errors))
     for one, other in PAIRS:
         (ranking, errors), (below, error_below) = found[one], found[other]
-        row(array, f"{one} less {other}", mean_average_precision([ranking], [below]),
+        row(array, f"{one} less {other}", average_precision(ranking, below),
             bootstrap_mean(errors - error_below))  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from shared.dataset.folder import MANIFEST, open_dataset
 from shared.dataset.reading import radar_of
 from trainer.data.arrays import choose_array
 from trainer.metrics.bootstrap import bootstrap_mean
-from trainer.metrics.ranking import mean_average_precision, pooled
+from trainer.metrics.ranking import average_precision, pooled
 from trainer.run.answers import Answer, array_answer, network_answer
 from trainer.run.folder import load_imager
 from trainer.run.pretrained import pretrained_run
@@ -47,10 +47,10 @@ def main(
         chosen = np.flatnonzero((scenes == scene) | (scene is None))
         kept = {name: (pooled([cells[i] for i in chosen]), errors[chosen]) for name, (cells, errors) in found.items()}
         for name, (ranking, errors) in kept.items():
-            row(scene or "both", name, mean_average_precision([ranking]), bootstrap_mean(errors))
+            row(scene or "both", name, average_precision(ranking), bootstrap_mean(errors))
             for other in (f"{array}, {REFERENCE}", f"{FULL}, {VIEWS[1]}"):
                 below, error_below = kept[other]
-                row(scene or "both", f"{name} less {other}", mean_average_precision([ranking], [below]),
+                row(scene or "both", f"{name} less {other}", average_precision(ranking, below),
                     bootstrap_mean(errors - error_below))  # fmt: skip
 
 

@@ -51,8 +51,9 @@ from tiny_radar import small_dataset
 
 from trainer.captures.calibration import read_calibration, to_toml
 from trainer.captures.cube_file import Capture, read_cube, write_cube
-from trainer.captures.importing import Reading, import_capture, read_capture
+from trainer.captures.importing import import_capture, read_capture
 from trainer.captures.reading import read_npz
+from trainer.captures.samples import Reading
 from trainer.data.arrays import choose_array
 from trainer.data.measurements import open_measurements
 from trainer.evaluation.experiments.measured_input import read_snapshot

@@ -32,7 +32,7 @@ from shared.dataset.documents import DIGEST
 from shared.dataset.locations import sha256_of
 from shared.dataset.manifest import ShardRecord
 from shared.physics.errors import InputError
-from trainer.evaluation.store import Cell, CellStore
+from trainer.evaluation.store import CellStore, cell_name
 from trainer.run.folder import RUN_FILE, load_imager, read_run
 from trainer.training.callbacks import require_checkpoint
 
@@ -83,14 +83,14 @@ def checkpoint(folder: Path) -> Iterator[Kept]:
 
 def cell(folder: Path) -> Iterator[Kept]:
     """Of an evaluation."""
-    key = Cell("pairs", "das", "full", "snr=20", "inputs", "code")
+    key = cell_name("pairs", "das", "full", "snr=20", "inputs")
     CellStore(folder).keep(key, {"levels": np.arange(3000.0), "found": np.array(3)})
 
     def read() -> Any:
         values = CellStore(folder).finished(key)
         return {name: (value.dtype, value.tolist()) for name, value in (values or {}).items()}
 
-    yield Kept(folder / key.file_name, read)
+    yield Kept(folder / key, read)
 
 
 def measurements(folder: Path) -> Iterator[Kept]:

@@ -46,7 +46,10 @@ class Troubled(Experiment):
             for place, kind in enumerate(self.work)
         ]
 
-    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+    def count(self, bench: Bench, results: Results, found: object) -> None:
+        """None."""
+
+    def figures(self, bench: Bench, results: Results, rows: object) -> dict[str, Figure]:
         return {}
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from datafactory.inspection.doctor import examine_names
-from shared.processes.strangers import OURS, namesake, refuse_namesake, strangers
+from shared.processes.lazy import OURS, namesake, refuse_namesake, strangers
 from trainer.cli.entry import main
 
 

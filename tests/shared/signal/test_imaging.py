@@ -23,8 +23,8 @@ from shared.signal.imaging import (
     steering_matrix,
     sweep_moments,
 )
+from shared.signal.signal import manifold
 from shared.signal.spectrum import DopplerSelection, range_doppler, select_doppler
-from shared.signal.steering import manifold
 from shared.signal.windows import cell_noise_power
 
 COUNT = 24

@@ -18,7 +18,8 @@ from shared.signal.windows import hann
 from trainer.captures.calibrating import Place, calibrate, residual
 from trainer.captures.calibration import Calibration, read_calibration
 from trainer.captures.cube_file import read_cube
-from trainer.captures.importing import Reading, import_capture, read_capture
+from trainer.captures.importing import import_capture, read_capture
+from trainer.captures.samples import Reading
 
 BOARD = "mmwcas-azimuth"
 GAIN_DB, PHASE_DEG, DELAY_S = 1.5, 12.0, 20e-12

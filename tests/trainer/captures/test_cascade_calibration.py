@@ -145,68 +145,66 @@ def test_calibrate_finds_what_it_finds_in_the_samples(
     assert np.std(found[0]["gain_db"]) > 0.5
 
 
-@pytest.mark.parametrize("command", ["import", "calibrate"])
+def changed(content: dict[str, dict[str, Any]], field: str, value: Any) -> dict[str, dict[str, Any]]:
+    """The file with another value of a field, or without it where that is None."""
+    structure, name = field.split("/")
+    fields = {key: each for key, each in content[structure].items() if key != name}
+    return {**content, structure: fields if value is None else {**fields, name: value}}
+
+
+CALIBRATE = ("calibrate", "FILE", "--range", "4", "--angle", "0", "--out", "c.toml")
+NO_REFERENCE = 1.0 - (np.arange(192).reshape(12, 16) == 176.0)
+
+
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("calibResult.PeakValMat", np.ones((3, 4), complex), "calibResult/PeakValMat is 3 x 4; expected 12 x 16, of"),
-        ("calibResult.Rx_fft", np.ones((160, 4, 3), complex), "calibResult/Rx_fft is 160 x 4 x 3; expected bins x 16"),
-        ("calibResult.RangeMat", None, "no calibResult/RangeMat (calibResult/AngleMat, calibResult/PeakValMat, "),
-        ("params.Slope_MHzperus", None, "no params/Slope_MHzperus (calibResult/AngleMat"),
-        ("params.Slope_MHzperus", 30e12, "params/Slope_MHzperus = 3e+13; expected MHz/us, 1 to 300"),
-        ("params.Sampling_Rate_sps", -1.0, "params/Sampling_Rate_sps = -1; expected samples a second, more than 0"),
-        ("calibResult.PeakValMat", np.full((12, 16), np.nan), "calibResult/PeakValMat has values that are not finite"),
-        ("calibResult.PeakValMat", 1.0 - (np.arange(192).reshape(12, 16) == 176.0),
-         "calibResult/PeakValMat of the reference, TX12 and RX1, has no echo; expected a calibration of a board whose"),
-        ("board", "iwr1843", "calibResult/PeakValMat is of the cascade's 12 TX x 16 RX; expected a calibration of"),
-    ],
-)  # fmt: skip
-def test_one_that_does_not_fit_is_one_line(
-    tmp_path: Path, whole: Radar, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
-    command: str, field: str, value: Any, message: str,
-) -> None:  # fmt: skip
-    monkeypatch.chdir(tmp_path)
-    content, board = results(reflector(whole), whole), "mmwcas"
-    if field == "board":
-        board = value
-    else:
-        structure, name = field.split(".")
-        content[structure] = {key: each for key, each in content[structure].items() if key != name}
-        if value is not None:
-            content[structure][name] = value
-    scipy.io.savemat("calibrateResults.mat", content)
-    radar_file(tmp_path, board)
-    np.save("corner.npy", np.zeros((4, 32, 192), complex))
-    options = {
-        "import": ("corner.npy", "--calibration", "calibrateResults.mat", "--out", "cube.npz"),
-        "calibrate": ("calibrateResults.mat", "--range", 4.0, "--angle", 0.0, "--out", "c.toml"),
-    }[command]
-    code, _, said = status(capsys, monkeypatch, command, *options, "--board", board, "--radar", "capture.toml")
-    assert code == 2
-    assert said.startswith(f"trainer: calibrateResults.mat: {message}")
-    assert said.count("\n") == 1
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
+        ("calibResult/PeakValMat", np.ones((3, 4), complex), "FIELD is 3 x 4; expected 12 x 16, of"),
+        ("calibResult/Rx_fft", np.ones((160, 4, 3), complex), "FIELD is 160 x 4 x 3; expected bins x 16"),
+        ("calibResult/RangeMat", None, "no FIELD (calibResult/AngleMat, calibResult/PeakValMat, "),
+        ("params/Slope_MHzperus", None, "no FIELD (calibResult/AngleMat"),
+        ("params/Slope_MHzperus", 30e12, "FIELD = 3e+13; expected MHz/us, 1 to 300"),
+        ("params/Sampling_Rate_sps", -1.0, "FIELD = -1; expected samples a second, more than 0"),
+        ("calibResult/PeakValMat", np.full((12, 16), np.nan), "FIELD has values that are not finite"),
+        ("calibResult/PeakValMat", NO_REFERENCE, "FIELD of the reference, TX12 and RX1, has no echo; expected a"),
+        # Samples mean something with their own chirp only.
         ("30e12", "45e12", "params/Slope_MHzperus = 30; expected 45, as the capture's --radar has it"),
         ("= 2e6", "= 2.5e6", "params/Sampling_Rate_sps = 2e+06; expected 2.5e+06, as the capture's --radar has it"),
         ("samples = 32", "samples = 64", "calibResult/Rx_fft is of 32 samples; expected 64, as --radar has it"),
+        ("--board", "iwr1843", "calibResult/PeakValMat is of the cascade's 12 TX x 16 RX; expected a calibration of"),
+        ("import", "iwr1843", "calibResult/PeakValMat is of the cascade's 12 TX x 16 RX; expected a calibration of"),
+        ("--axes", "chirp sample channel", "'chirp sample channel' of FILE; expected no FIELD: TI's file says how"),
+        ("--variable", "x", "'x' of FILE; expected no FIELD: TI's file says how it is laid out"),
+        ("--order", "qi", "'qi' of FILE; expected no FIELD: TI's file says how it is laid out"),
     ],
 )
-def test_a_capture_of_other_chirps_is_one_line(
+def test_what_does_not_fit_is_one_line(
     tmp_path: Path, whole: Radar, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
-    old: str, new: str, message: str,
+    field: str, value: Any, message: str,
 ) -> None:  # fmt: skip
-    """Samples mean something with their own chirp only."""
+    """A field of the file, an entry of the radar's, the board, or an option that tells nothing of such a file."""
     monkeypatch.chdir(tmp_path)
-    scipy.io.savemat("calibrateResults.mat", results(reflector(whole), whole))
-    file = tmp_path / "capture.toml"
-    file.write_text(file.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
-    options = ("--board", "mmwcas", "--radar", "capture.toml", "--range", 4.0, "--angle", 0.0, "--out", "c.toml")
-    code, _, said = status(capsys, monkeypatch, "calibrate", "calibrateResults.mat", *options)
-    assert (code, said) == (2, f"trainer: calibrateResults.mat: {message}\n")
+    content, board, source = results(reflector(whole), whole), "mmwcas", "calibrateResults.mat"
+    command, options = [source if word == "FILE" else word for word in CALIBRATE], list[str]()
+    if "/" in field:
+        content = changed(content, field, value)
+    elif field in ("--board", "import"):
+        board = value
+        radar_file(tmp_path, board)
+    elif field.startswith("--"):
+        options, source = [field, value], field
+    else:
+        file = tmp_path / "capture.toml"
+        file.write_text(file.read_text(encoding="utf-8").replace(field, value), encoding="utf-8")
+    if field == "import":
+        np.save("corner.npy", np.zeros((4, 32, 192), complex))
+        command = ["import", "corner.npy", "--calibration", source, "--out", "cube.npz"]
+    scipy.io.savemat("calibrateResults.mat", content)
+    code, _, said = status(capsys, monkeypatch, *command, *options, "--board", board, "--radar", "capture.toml")
+    assert code == 2
+    expected = message.replace("FIELD", field).replace("FILE", "calibrateResults.mat")
+    assert said.startswith(f"trainer: {source}: {expected}")
+    assert said.count("\n") == 1
 
 
 @pytest.mark.parametrize("count", [256, 2048])
@@ -223,16 +221,3 @@ def test_samples_of_any_number_come_back(tmp_path: Path, whole: Radar, count: in
     other = radar.model_copy(update={"waveform": radar.waveform.model_copy(update=shorter)})
     with pytest.raises(InputError, match=f"is of {count} samples"):
         found.samples("mmwcas", other)
-
-
-@pytest.mark.parametrize("option", [("--axes", "chirp sample channel"), ("--variable", "x"), ("--order", "qi")])
-def test_an_option_that_tells_nothing_of_it_is_refused(
-    tmp_path: Path, whole: Radar, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
-    option: tuple[str, str],
-) -> None:  # fmt: skip
-    monkeypatch.chdir(tmp_path)
-    scipy.io.savemat("calibrateResults.mat", results(reflector(whole), whole))
-    options = ("--board", "mmwcas", "--radar", "capture.toml", "--range", 4.0, "--angle", 0.0, "--out", "c.toml")
-    code, _, said = status(capsys, monkeypatch, "calibrate", "calibrateResults.mat", *options, *option)
-    expected = f"{option[1]!r} of calibrateResults.mat; expected no {option[0]}: TI's file says how it is laid out"
-    assert (code, said) == (2, f"trainer: {option[0]}: {expected}\n")

@@ -73,8 +73,8 @@ def test_an_empty_truth_has_no_image_errors_and_every_detection_is_false():
 def average_precision(contender, made):
     values = score_frame(contender, lambda: made)
     refs = [FrameRef(Path("p"), 0, 0, "scene", "hall")]
-    results = {(contender.method, contender.array.name, refs[0].condition): values}
-    return ranking(results, contender.method, contender.array.name, refs).average_precision()
+    results = {(*contender.key, refs[0].condition): values}
+    return ranking(results, contender.key, refs).average_precision()
 
 
 def test_the_truth_has_all_the_precision_an_empty_image_none_and_delay_and_sum_some():

@@ -19,7 +19,8 @@ from shared.radar.arrays import AntennaArray, line
 from trainer.estimators.das import DelayAndSum
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music
-from trainer.evaluation.experiments.measured import look_at
+from trainer.evaluation.experiments.bench import Bench, EvaluationConfig
+from trainer.evaluation.experiments.measured import Measured
 from trainer.evaluation.experiments.measured_input import (
     MeasuredInput,
     half_wavelength_line,
@@ -145,32 +146,6 @@ def test_a_cube_is_cut_at_a_range_and_seen_from_above(tmp_path):
     assert any("a channel of 'mine' is dead or off the line" in line for line in said)
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ([], "arguments: neither a dataset nor --measured; expected one of both, or both"),
-        (["--measured", "PAIR", "--range", "3"], "--range: 3 m of a snapshot; expected no --range"),
-        (["--measured", "PAIR", "--targets", "0"], "--targets: 0; expected 1 or more"),
-        (["--measured", "PAIR", "--targets", "6"], "--targets: 6 with 10 elements; expected at most 5"),
-        (["--measured", "PAIR", "--model-error", "3"], "model_error_db: 3.0; expected at most 0 dB"),
-        (["--measured", "PAIR", "--experiments", "detection"], "--experiments: detection; expected measured alone"),
-        (["--measured", "PAIR", "--methods", "capon"], "--methods: 'capon'; expected some of das, "),
-        (["--measured", "PAIR", "--run", "none"], "none: no run.json; expected a run folder"),
-        (["--measured", "none.npz"], "--measured: none.npz; expected a .mat or .npy file"),
-        (["--measured", "CUBE", "--range", "30"], "--range: 30 m; expected 0 to "),
-    ],
-)
-def test_what_cannot_be_looked_at_is_one_line(inputs, tmp_path, capsys, monkeypatch, given, message):
-    monkeypatch.chdir(tmp_path)
-    cube = write_capture(tmp_path / "cube.npz", other_radar()) if "CUBE" in given else None
-    places = {"PAIR": inputs[3], "CUBE": cube}
-    code, said = status(capsys, monkeypatch, *(places.get(word, word) for word in given), "--out", "out")
-    assert code == 2
-    assert said.startswith(f"trainer: {message}"), said
-    assert said.count("\n") == 1
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.fixture(scope="module")
 def reflectors() -> MeasuredInput:
     return read_measured(reference_file("measured", "two_reflectors", "realData_demo.mat"), targets=2)
@@ -199,7 +174,8 @@ def test_the_real_reflectors_have_their_stated_angles(reflectors, tmp_path):
 def test_every_method_on_all_of_the_real_snapshot_has_the_stated_angles(reflectors):
     assert len(reflectors.snapshot) == 86
     chosen = replace(reflectors, elements={"all 86": reflectors.elements["all 86"]})
-    angles = {(row.method, row.array, row.metric): row.value for row in look_at(chosen).rows}
+    no_data = Bench("", RADAR, (), frozenset(), (), EvaluationConfig())
+    angles = {(row.method, row.array, row.metric): row.value for row in Measured(chosen).rows(no_data, {})}
     for metric, reference in (("angle 1 [deg]", -0.006), ("angle 2 [deg]", 6.985)):
         for method in {method for method, array, _ in angles if array == "all 86"}:
             # A line stands in a bin of 0.03 degrees; the grid of omp and the widest main lobes are no finer than this.

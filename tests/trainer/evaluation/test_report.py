@@ -18,7 +18,7 @@ from tiny_radar import RADAR
 
 from trainer.data.simulation import Condition
 from trainer.evaluation.evaluate import SUMMARY_COLUMNS
-from trainer.evaluation.report.figures import Look, image_panels, legend_below, new_figure, save_figure, subplots
+from trainer.evaluation.report.figures import Look, image_panels, image_sheet, legend_below, panels, save_figure
 from trainer.evaluation.report.page import ReportFigure, ReportFrame, report_page
 from trainer.evaluation.report.tables import MetricRow, metrics_table, summary, write_table
 
@@ -117,7 +117,7 @@ def test_the_script_parses(page, tmp_path):
 def test_panels_show_what_stands_left_on_the_left():
     levels = np.full(SHAPE, -40.0)
     levels[5, -1] = 0.0  # the largest u: farthest left of the radar
-    figure = image_panels({("das", "full"): levels}, None, RADAR, 0, "title")
+    figure = image_sheet({"das": levels}, levels, RADAR, "title")
     picture = figure.axes[0].images[0]
     shown = np.asarray(picture.get_array())
     assert shown[5, 0] == 0.0
@@ -139,15 +139,16 @@ def test_a_missing_contender_is_said_in_its_panel():
         0,
         "title",
         [(3 * RADAR.waveform.range_step_m, 0.0)],
+        0.5,
+        {},
     )
     texts = {text.get_text() for axis in figure.axes for text in axis.texts}
     assert texts == {"no das\nfor thin", "no unet\nfor full"}
 
 
 def test_a_legend_of_many_long_names_stays_within_its_figure():
-    figure = new_figure(4.0, 3.0, "title")
-    subplots(figure, 1, 1)
-    legend_below(figure, Look([f"unet:a folder of name {n}" for n in range(8)], ["full"]).method_handles())
+    figure, _ = panels(1, 1, (4.0, 3.0), "title")
+    legend_below(figure, Look((f"unet:a folder of name {n}", "full") for n in range(8)).method_handles())
     figure.draw_without_rendering()
     (legend,) = figure.legends
     box = legend.get_window_extent()
@@ -158,8 +159,8 @@ def test_a_legend_of_many_long_names_stays_within_its_figure():
 def test_figures_are_the_same_bytes_twice(tmp_path):
     def draw(folder):
         folder.mkdir()
-        figure = new_figure(3.0, 2.0, "title")
-        subplots(figure, 1, 2)[0, 0].plot([0, 1], [1, 0])
+        figure, axes = panels(1, 2, (3.0, 2.0), "title")
+        axes[0, 0].plot([0, 1], [1, 0])
         save_figure(figure, folder, "it")
         return [(folder / f"it.{kind}").read_bytes() for kind in ("png", "svg")]
 

@@ -10,7 +10,7 @@ from shared.physics.errors import InputError
 from trainer.metrics import bootstrap as intervals
 from trainer.metrics.bootstrap import bootstrap_mean, bootstrap_ratio, wilson
 from trainer.metrics.cells import CellScores
-from trainer.metrics.ranking import mean_average_precision, pooled
+from trainer.metrics.ranking import average_precision, pooled
 
 
 def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
@@ -83,31 +83,29 @@ def frames(seed: int, skill: float) -> list[CellScores]:
 
 def test_of_one_method_it_is_the_average_precision():
     ranking = pooled(frames(0, 1.0))
-    assert mean_average_precision([ranking], seed=4) == ranking.intervals((), seed=4)[0]
+    assert average_precision(ranking, seed=4) == ranking.intervals((), seed=4)[0]
 
 
 def test_a_method_gains_nothing_over_itself():
     ranking = pooled(frames(0, 1.0))
-    found = mean_average_precision([ranking, ranking], [ranking])
+    found = average_precision(ranking, ranking)
     assert (found.value, found.low, found.high) == (0.0, 0.0, 0.0)
 
 
 def test_the_interval_is_that_of_frames_drawn_for_all_methods_at_once(monkeypatch):
     """Against the slow way: pool the drawn frames of each method anew."""
     monkeypatch.setattr(intervals, "RESAMPLES", 200)
-    of, less = [frames(0, 1.0), frames(1, 1.5)], [frames(2, 0.5)]
-
-    def mean(methods, drawn):
-        return np.mean([pooled([method[index] for index in drawn]).average_precision() for method in methods])
+    of, less = frames(1, 1.5), frames(2, 0.5)
 
     def gain(drawn):
-        return mean(of, drawn) - mean(less, drawn)
+        more, fewer = (pooled([method[index] for index in drawn]).average_precision() for method in (of, less))
+        return more - fewer
 
     expected = bootstrap(
         (np.arange(len(TRUTHS)),), gain, vectorized=False, n_resamples=200, batch=100, method="percentile",
         rng=np.random.default_rng(3),
     ).confidence_interval  # fmt: skip
-    found = mean_average_precision([pooled(one) for one in of], [pooled(one) for one in less], seed=3)
+    found = average_precision(pooled(of), pooled(less), seed=3)
     assert found.value == pytest.approx(gain(range(len(TRUTHS))))
     assert (found.low, found.high) == (pytest.approx(expected.low), pytest.approx(expected.high))
 
@@ -116,18 +114,16 @@ def test_a_difference_is_surer_than_its_parts():
     """Two networks whose detections differ by little: what the drawn frames do to both is no difference."""
     first = frames(0, 1.0)
     second = [CellScores(one.matched + 0.05, one.false_alarms, one.truths) for one in first]
-    gain = mean_average_precision([pooled(second)], [pooled(first)])
-    alone = mean_average_precision([pooled(second)])
+    gain = average_precision(pooled(second), pooled(first))
+    alone = average_precision(pooled(second))
     assert gain.high - gain.low < 0.3 * (alone.high - alone.low)
 
 
 def test_frames_without_anything_to_detect_have_no_value():
     nothing = pooled([CellScores(np.empty(0), np.ones(2), 0)] * 3)
-    assert np.isnan(mean_average_precision([nothing], [nothing]).value)
+    assert np.isnan(average_precision(nothing, nothing).value)
 
 
 def test_other_frames_cannot_be_compared():
     with pytest.raises(InputError, match="of other frames"):
-        mean_average_precision([pooled(frames(0, 1.0))], [pooled(frames(0, 1.0)[:-1])])
-    with pytest.raises(InputError, match="one or more"):
-        mean_average_precision([])
+        average_precision(pooled(frames(0, 1.0)), pooled(frames(0, 1.0)[:-1]))

@@ -178,7 +178,7 @@ def test_lines_include_the_ends_of_a_row_and_rows_do_not_know_each_other() -> No
     image = np.zeros((3, 20))
     image[0, [0, 7, 19]] = [0.5, 1.0, 0.05]
     image[2, [0, 19]] = [1.0, 0.5]
-    assert [bins.tolist() for bins in image_lines(image, 0.1)] == [[7, 0], [], [0, 19]]
+    assert [bins.tolist() for bins in image_lines(image)] == [[7, 0], [], [0, 19]]
 
 
 def test_residual_refuses_what_does_not_fit() -> None:

@@ -17,7 +17,7 @@ from tiny_radar import RADAR, TINY, frame, tiny, write_dataset
 from shared.dataset.locations import RemotePath
 from shared.physics.errors import InputError
 from shared.signal.imaging import steering_matrix
-from shared.signal.steering import manifold
+from shared.signal.signal import manifold
 from trainer.data.shards import ShardDataset
 from trainer.run.configuration import CALIBRATED, FitConfig
 from trainer.run.folder import METRICS, WEIGHTS, load_imager, read_run, save_weights

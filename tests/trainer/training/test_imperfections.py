@@ -9,8 +9,8 @@ from shared.radar import Radar
 from shared.radar.front_end import Converter, PhaseNoise
 from shared.radar.receiver import digitised, with_phase_noise
 from shared.radar.waveform import Waveform
+from shared.signal.signal import manifold
 from shared.signal.spectrum import range_doppler
-from shared.signal.steering import manifold
 from shared.signal.windows import hann
 from trainer.run.configuration import CALIBRATED, FitConfig, Imperfections
 from trainer.training.imperfections import Board, BoardErrors

@@ -11,7 +11,7 @@ import torch
 from shared.physics.errors import InputError
 from trainer.run.configuration import FitConfig
 from trainer.training.callbacks import check_logger, make_logger
-from trainer.training.recipes import GPU, RECIPES, configuration
+from trainer.training.start import GPU, RECIPES, configuration
 
 
 @pytest.fixture(autouse=True)

@@ -19,8 +19,7 @@ from datafactory.cli.examples import EXAMPLES
 from datafactory.cli.inspection import check, doctor, inspect, scenes, view
 from datafactory.cli.making import convert, merge, points, render, trace
 from datafactory.cli.plan import plan
-from shared.processes.command_line import Ending, ending_with, run_app
-from shared.processes.interrupt import INTERRUPTED
+from shared.processes.interrupt import INTERRUPTED, Ending, ending_with, run_app
 
 STOPPED = "interrupted; what was finished is kept: the same command with --resume goes on"
 

@@ -17,8 +17,8 @@ from importlib.metadata import PackageNotFoundError, version
 from datafactory.defaults import INSTALL_TORCH
 from datafactory.paths.backend import CudaDevice, cuda_device, find_llvm
 from shared.physics.errors import InputError
+from shared.processes.lazy import OURS, remedy, strangers
 from shared.processes.machine import usable_cores, usable_memory
-from shared.processes.strangers import OURS, remedy, strangers
 
 MINIMUM_MEMORY_GIB = 4.0
 """A rule of thumb, not a measurement: one worker's interpreter, scene, paths and cube."""

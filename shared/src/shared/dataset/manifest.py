@@ -11,13 +11,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from shared.dataset import VERSION
 from shared.dataset.documents import read_json, unsealed
 from shared.dataset.locations import Location, RemotePath, file_size, sha256_of
 from shared.physics.errors import InputError
-from shared.radar import first_validation_error
+from shared.radar import validated
 
 MANIFEST = "manifest.json"
 
@@ -78,10 +78,7 @@ def shard_records(path: Location, manifest: Mapping[str, Any]) -> tuple[ShardRec
     """
     if not isinstance(manifest.get("shards"), list) or not manifest["shards"]:
         raise InputError(path, "no list of shards", "one record for each shard")
-    try:
-        records = _ManifestShards.model_validate(manifest).shards
-    except ValidationError as error:
-        raise InputError(path, *first_validation_error(error)) from error
+    records = validated(_ManifestShards, manifest, path).shards
     if len({record.path for record in records}) < len(records):
         raise InputError(path, "shards names a path twice", "one record for each shard")
     return records

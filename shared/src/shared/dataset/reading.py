@@ -13,14 +13,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from shared.dataset import COMPLEX_ARRAYS, LATER, METADATA_KEY, SCALARS, VECTORS, Box, Frame, Target, row_bytes
 from shared.dataset.locations import Location, file_size, open_parquet
 from shared.dataset.manifest import check_version, require_as_written
-from shared.dataset.schema import BOX_FIELDS, TARGET_FIELDS
+from shared.dataset.schema import BOX_FIELDS, COLUMNS, array_shapes, never_null
 from shared.physics.errors import InputError
-from shared.radar import FrontEnd, Radar, first_validation_error
+from shared.radar import FrontEnd, Radar, validated
 from shared.radar.arrays import AntennaArray
 from shared.radar.waveform import Waveform
 
@@ -32,22 +31,6 @@ BATCH_BYTES = 64 << 20
 
 # What pyarrow raises for a file that is missing, cut short or damaged (a damaged name is no UTF-8 any more).
 _READ_ERRORS = (pa.ArrowException, OSError, UnicodeDecodeError)
-
-
-_SMALL_COLUMNS = {
-    "frame_id": pa.int64(),
-    "kind": pa.string(),
-    "scene": pa.string(),
-    "seed": pa.int64(),
-    "image_peak": pa.float64(),
-    "noise_power": pa.float64(),
-    "time": pa.float64(),
-    "sequence": pa.int64(),
-    **{name: pa.list_(pa.float64(), size) for name, size in VECTORS.items()},
-    "targets": pa.list_(pa.struct([*((name, pa.float64()) for name in TARGET_FIELDS[:-1]), ("object", pa.string())])),
-    "boxes": pa.list_(pa.struct(list(BOX_FIELDS.items()))),
-}
-"""Columns whose types do not depend on the radar."""
 
 
 def open_shard(path: Location) -> pq.ParquetFile:
@@ -151,43 +134,32 @@ def radar_of(description: Mapping[str, Any], source: object = "description") -> 
     :raises InputError: fields that are missing or that no radar allows
     """
     try:
-        radar, u = description["radar"], description["axes"]["u"]
+        stated, u = description["radar"], description["axes"]["u"]
         # u_stop is not among the axes; 12 digits undo the rounding of step = (stop - start) / bins.
         grid = {"u_start": u["start"], "u_stop": round(u["start"] + u["step"] * u["bins"], 12), "bins": u["bins"]}
         fields = {
-            "name": radar["name"],
-            "waveform": {name: radar[name] for name in Waveform.model_fields},
+            "name": stated["name"],
+            "waveform": {name: stated[name] for name in Waveform.model_fields},
             # Imperfections of the front end came later: a dataset that does not name them was made without.
-            "front_end": {name: radar[name] for name in FrontEnd.model_fields if name in radar},
+            "front_end": {name: stated[name] for name in FrontEnd.model_fields if name in stated},
             "grid": grid,
         }
         for array in ("array", "virtual_sensor"):
             fields[array] = {name: description[array][name] for name in AntennaArray.model_fields}
-        radar = Radar.model_validate(fields)
-    except ValidationError as error:
-        raise InputError(source, *first_validation_error(error)) from error
     except (KeyError, TypeError) as error:
         raise InputError(source, f"no whole radar in the metadata: {error!r}", "the entries of version 1") from error
+    radar = validated(Radar, fields, source)
     _check_shapes(description.get("shapes", {}), radar, source)
     return radar
 
 
 def _check_shapes(shapes: Any, radar: Radar, source: object) -> None:
     """The arrays are those of the radar beside them."""
-    waveform, channels, bins = radar.waveform, radar.array.channels, radar.grid.bins
-    expected = {
-        "range_channel": [waveform.range_bins, channels, 2],
-        "velocity": [waveform.range_bins],
-        "image": [waveform.range_bins, bins],
-        "range_doppler": [waveform.range_bins, waveform.chirps],
-        "cube": [waveform.chirps, waveform.samples, channels, 2],
-    }
-    for name, shape in expected.items():
+    for name, shape in array_shapes(radar, 0).items():
         found = shapes.get(name, shape) if isinstance(shapes, dict) else None
-        if name in ("range_channel", "velocity") and isinstance(found, list) and found is not shape:
-            found = found[1:]  # the first axis counts Doppler peaks
-        if found != shape:
-            raise InputError(source, f"shapes.{name} ends in {found}", f"{shape}, as its radar has it")
+        first = 1 if name in ("range_channel", "velocity") else 0  # the first axis of these counts Doppler peaks
+        if not isinstance(found, list) or found[first:] != shape[first:]:
+            raise InputError(source, f"shapes.{name} = {found}", f"it to end in {shape[first:]}, as its radar has it")
 
 
 @lru_cache(maxsize=16)
@@ -223,22 +195,10 @@ def _check_columns(path: Location, schema: pa.Schema, description: Mapping[str, 
         if not pa.types.is_fixed_size_list(kind) or kind.list_size != values or kind.value_type != pa.float32():
             raise InputError(path, f"{column} is {kind}", f"a fixed_size_list<float> of {values}, as its shape says")
 
-    for column, wanted in _SMALL_COLUMNS.items():
-        if column in schema.names and not _same_kind(schema.field(column).type, wanted):
+    # Whatever Arrow calls an element, and whether it may be missing.
+    for column, wanted in COLUMNS.items():
+        if wanted and column in schema.names and never_null(schema.field(column).type) != never_null(wanted):
             raise InputError(path, f"{column} is {schema.field(column).type}", f"{wanted}")
-
-
-def _same_kind(kind: pa.DataType, wanted: pa.DataType) -> bool:
-    """Whether values are of one type, whatever Arrow calls an element and whether it may be missing."""
-    if pa.types.is_nested(wanted):
-        if kind.id != wanted.id or kind.num_fields != wanted.num_fields:
-            return False
-        if pa.types.is_fixed_size_list(wanted) and kind.list_size != wanted.list_size:
-            return False
-        if pa.types.is_struct(wanted) and [field.name for field in kind] != [field.name for field in wanted]:
-            return False
-        return all(_same_kind(kind.field(n).type, wanted.field(n).type) for n in range(wanted.num_fields))
-    return kind == wanted
 
 
 def _is_shape(value: object) -> bool:

@@ -56,6 +56,26 @@ BOX_FIELDS = {
 }
 """Of the elements of ``boxes``, with their types. The column came later: a dataset without it has no boxes."""
 
+COLUMNS: dict[str, pa.DataType | None] = {
+    "frame_id": pa.int64(),
+    "kind": pa.string(),
+    "scene": pa.string(),
+    "seed": pa.int64(),
+    **{name: pa.list_(pa.float64(), size) for name, size in VECTORS.items()},
+    "time": pa.float64(),
+    "sequence": pa.int64(),
+    "range_channel": None,
+    "velocity": None,
+    "image": None,
+    "image_peak": pa.float64(),
+    "noise_power": pa.float64(),
+    "targets": pa.list_(pa.struct([*((name, pa.float64()) for name in TARGET_FIELDS[:-1]), ("object", pa.string())])),
+    "boxes": pa.list_(pa.struct(list(BOX_FIELDS.items()))),
+    "range_doppler": None,
+    "cube": None,
+}
+"""All columns in their order, with their types; None for arrays, whose lengths depend on the radar."""
+
 Vector = tuple[float, float, float]
 
 
@@ -155,6 +175,18 @@ class Frame(Told):
         ])  # fmt: skip
 
 
+def array_shapes(radar: Radar, doppler_peaks: int) -> dict[str, list[int]]:
+    """Of every array column, complex values as pairs."""
+    waveform, channels = radar.waveform, radar.array.channels
+    return {
+        "range_channel": [doppler_peaks, waveform.range_bins, channels, 2],
+        "velocity": [doppler_peaks, waveform.range_bins],
+        "image": [waveform.range_bins, radar.grid.bins],
+        "range_doppler": [waveform.range_bins, waveform.chirps],
+        "cube": [waveform.chirps, waveform.samples, channels, 2],
+    }
+
+
 def description(radar: Radar, doppler_peaks: int, store: str, extra: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """What a shard says about itself: version, shapes, radar, array, virtual sensor and axes, as plain JSON values.
 
@@ -164,16 +196,9 @@ def description(radar: Radar, doppler_peaks: int, store: str, extra: Mapping[str
     """
     if store not in STORES:
         raise InputError("--store", f"{store!r}", f"one of {list(STORES)}")
-    waveform, channels = radar.waveform, radar.array.channels
-    shapes = {
-        "range_channel": [doppler_peaks, waveform.range_bins, channels, 2],
-        "velocity": [doppler_peaks, waveform.range_bins],
-        "image": [waveform.range_bins, radar.grid.bins],
-    }
-    if store == "range-doppler":
-        shapes["range_doppler"] = [waveform.range_bins, waveform.chirps]
-    if store == "cube":
-        shapes["cube"] = [waveform.chirps, waveform.samples, channels, 2]
+    optional = {"range_doppler": "range-doppler", "cube": "cube"}
+    every = array_shapes(radar, doppler_peaks)
+    shapes = {name: shape for name, shape in every.items() if optional.get(name, store) == store}
     result = {"version": VERSION, "shapes": shapes, **radar.metadata()}
     extra = dict(extra or {})
     if replaced := sorted(result.keys() & extra.keys()):
@@ -183,34 +208,24 @@ def description(radar: Radar, doppler_peaks: int, store: str, extra: Mapping[str
 
 def arrow_schema(description: Mapping[str, Any]) -> pa.Schema:
     """The Parquet schema of shards with this description (:func:`description`), the same bytes for the same content."""
-
-    def array(name: str) -> pa.Field:
-        return _required(name, _fixed_list(pa.float32(), math.prod(shapes[name])))
-
     shapes = description["shapes"]
-    target = pa.struct(
-        [_required(name, pa.float64()) for name in TARGET_FIELDS[:-1]] + [_required("object", pa.string())]
-    )
-    box = pa.struct([_required(name, _never_null(kind)) for name, kind in BOX_FIELDS.items()])
-    fields = [
-        _required("frame_id", pa.int64()),
-        _required("kind", pa.string()),
-        _required("scene", pa.string()),
-        _required("seed", pa.int64()),
-        *(_required(name, _fixed_list(pa.float64(), size)) for name, size in VECTORS.items()),
-        _required("time", pa.float64()),
-        _required("sequence", pa.int64()),
-        array("range_channel"),
-        array("velocity"),
-        array("image"),
-        _required("image_peak", pa.float64()),
-        _required("noise_power", pa.float64()),
-        _required("targets", pa.list_(_required("element", target))),
-        _required("boxes", pa.list_(_required("element", box))),
-        *(array(name) for name in ("range_doppler", "cube") if name in shapes),
-    ]
+    types = {
+        name: pa.list_(pa.float32(), math.prod(shapes[name])) if kind is None else kind
+        for name, kind in COLUMNS.items()
+        if kind is not None or name in shapes
+    }
+    fields = [_required(name, never_null(kind)) for name, kind in types.items()]
     text = json.dumps(description, sort_keys=True, allow_nan=False)
     return pa.schema(fields, metadata={METADATA_KEY: text.encode()})
+
+
+def never_null(kind: pa.DataType) -> pa.DataType:
+    """The type with no part of it nullable, and elements of one name."""
+    if pa.types.is_struct(kind):
+        return pa.struct([_required(field.name, never_null(field.type)) for field in kind])
+    if pa.types.is_fixed_size_list(kind):
+        return pa.list_(_required("element", never_null(kind.value_type)), kind.list_size)
+    return pa.list_(_required("element", never_null(kind.value_type))) if pa.types.is_list(kind) else kind
 
 
 def to_record_batch(frames: Sequence[Frame], schema: pa.Schema) -> pa.RecordBatch:
@@ -243,14 +258,6 @@ def to_record_batch(frames: Sequence[Frame], schema: pa.Schema) -> pa.RecordBatc
 
 def _required(name: str, kind: pa.DataType) -> pa.Field:
     return pa.field(name, kind, nullable=False)
-
-
-def _fixed_list(kind: pa.DataType, size: int) -> pa.DataType:
-    return pa.list_(_required("element", kind), size)
-
-
-def _never_null(kind: pa.DataType) -> pa.DataType:
-    return _fixed_list(kind.value_type, kind.list_size) if pa.types.is_fixed_size_list(kind) else kind
 
 
 def _flat_array(frame: Frame, name: str, shape: tuple[int, ...]) -> NDArray[np.float32]:

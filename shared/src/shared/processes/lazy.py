@@ -1,18 +1,22 @@
-"""The public names of a package, each imported when it is first used (PEP 562).
+"""The names of our packages: what they make public, and whether a stranger's package has taken the name.
 
-``import datafactory`` and ``datafactory --help`` then load nothing that computes.
+A public name is imported when it is first used (PEP 562): ``import datafactory`` and ``datafactory --help`` load
+nothing that computes. The public index has distributions that install ``shared`` or ``trainer``. The one that is
+installed later writes over the files of the other, without a word. Each of ours asks here when it begins.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
-from importlib import import_module
+from importlib import import_module, metadata
 from typing import Any
 
-from shared.processes.strangers import OURS, refuse_namesake
-
 VERSION = "__version__"
+
+
+OURS = {"shared": "sparseradar-shared", "datafactory": "sparseradar-datafactory", "trainer": "sparseradar-trainer"}
+"""Distribution by import name."""
 
 
 def lazy_names(
@@ -31,9 +35,7 @@ def lazy_names(
 
     def find(name: str) -> Any:
         if name == VERSION:
-            from importlib.metadata import version
-
-            value: Any = version(distribution)
+            value: Any = metadata.version(distribution)
         elif name in modules:
             module = import_module(modules[name])
             value = module if module.__name__ == f"{package}.{name}" else getattr(module, name)
@@ -46,3 +48,38 @@ def lazy_names(
         return sorted({*vars(sys.modules[package]), *modules, VERSION})
 
     return find, names
+
+
+def strangers(package: str) -> list[str]:
+    """Names of all installed distributions that bring a package of this name, ours apart.
+
+    It reads the records of every distribution, a tenth of a second.
+    """
+    found = metadata.packages_distributions().get(package, [])
+    return sorted({name for name in found if name.lower().replace("_", "-") != OURS[package]})
+
+
+def namesake(package: str) -> str | None:
+    """The distribution that has the very name of the package, if one is installed: a question of a millisecond."""
+    try:
+        return str(metadata.metadata(package)["Name"])
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def remedy(package: str, names: list[str]) -> str:
+    """The commands that bring ours back."""
+    ours = OURS[package]
+    return f"pip uninstall -y {' '.join(names)} && pip install --force-reinstall --no-deps {ours}"
+
+
+def refuse_namesake(package: str) -> None:
+    """Say in one line that a stranger's package is installed over ours.
+
+    :raises ImportError: a distribution of the package's very name is installed
+    """
+    if name := namesake(package):
+        raise ImportError(
+            f"the distribution {name!r} is installed over {OURS[package]!r}, both bring the package {package!r}; "
+            f"mend it: {remedy(package, [name])}"
+        )

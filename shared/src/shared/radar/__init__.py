@@ -2,7 +2,7 @@
 
 from shared.radar.front_end import FrontEnd
 from shared.radar.loading import PRESETS, CaptureRadar, board_radar, load_capture_radar, load_radar
-from shared.radar.radar import ImageGrid, Radar, first_validation_error
+from shared.radar.radar import ImageGrid, Radar, first_validation_error, read_toml, validated
 
 __all__ = [
     "PRESETS",
@@ -14,4 +14,6 @@ __all__ = [
     "first_validation_error",
     "load_capture_radar",
     "load_radar",
+    "read_toml",
+    "validated",
 ]

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ConfigDict, Field, StrictFloat, ValidationError
 
 from shared.physics.errors import InputError, meant
 from shared.radar.antenna import PatchPattern, read_table
 from shared.radar.arrays import virtual_sensor_256
 from shared.radar.boards import BOARDS, mirrored
 from shared.radar.profile import ChirpProfile, read_cfg
-from shared.radar.radar import Radar, first_validation_error
+from shared.radar.radar import Radar, first_validation_error, read_toml, validated
 from shared.radar.waveform import Waveform
 
 
@@ -87,22 +86,14 @@ def load_capture_radar(path_of_radar: str, board: str | None, mirror: bool = Fal
         problem = f"no preset and no file {path_of_radar!r}"
         expected = f"a TOML file or one of {list(PRESETS)}{meant(path_of_radar, PRESETS)}"
         raise InputError("--radar", problem, expected)
-    try:
-        if path.suffix == ".cfg":
-            document: dict[str, Any] = {"capture": path.name}
-        else:
-            document = tomllib.loads(path.read_text(encoding="utf-8"))
-        if board is not None:
-            document["board"] = board
-        if mirror:
-            document["mirror"] = not document.get("mirror", False)
-        _read_pattern_tables(path, document)
-        real, rx = _on_board(path, document)
-        radar = Radar.model_validate({"name": path.stem, **document})
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, OSError) as error:
-        raise InputError(path, f"not readable as TOML: {error}", "a TOML file in UTF-8") from error
-    except ValidationError as error:
-        raise InputError(path, *first_validation_error(error)) from error
+    document: dict[str, Any] = {"capture": path.name} if path.suffix == ".cfg" else read_toml(path)
+    if board is not None:
+        document["board"] = board
+    if mirror:
+        document["mirror"] = not document.get("mirror", False)
+    _read_pattern_tables(path, document)
+    real, rx = _on_board(path, document)
+    radar = validated(Radar, {"name": path.stem, **document}, path)
     _check_together(path, radar)
     return CaptureRadar(radar, real, rx)
 
@@ -147,24 +138,26 @@ def _on_board(path: Path, document: dict[str, Any]) -> tuple[bool, tuple[int, ..
     return real, rx
 
 
+class _TableFile(BaseModel):
+    """A pattern that is named by the file of its table."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    kind: Literal["table"]
+    file: Annotated[str, Field(min_length=1)]
+    outside_gain_dbi: StrictFloat | None = None
+
+
 def _read_pattern_tables(path: Path, document: dict[str, Any]) -> None:
     """Put the patterns themselves where the document names their files, relative to the folder of ``path``."""
     front_end = document.get("front_end")
+    if not isinstance(front_end, dict):
+        return
     for name in ("tx_pattern", "rx_pattern"):
-        pattern = front_end.get(name) if isinstance(front_end, dict) else None
-        if not isinstance(front_end, dict) or not isinstance(pattern, dict) or "file" not in pattern:
-            continue
-        field, file, outside = f"front_end.{name}", pattern["file"], pattern.get("outside_gain_dbi")
-        if pattern.get("kind") != "table":
-            raise InputError(path, f"{field}.kind = {pattern.get('kind')!r} with a file", "kind = 'table'")
-        unknown = sorted(set(pattern) - {"kind", "file", "outside_gain_dbi"})
-        if unknown:
-            raise InputError(path, f"{field}.{unknown[0]} beside a file", "kind, file and outside_gain_dbi alone")
-        if not isinstance(file, str) or not file:
-            raise InputError(path, f"{field}.file = {file!r}", "the name of a CSV file")
-        if outside is not None and (isinstance(outside, bool) or not isinstance(outside, int | float)):
-            raise InputError(path, f"{field}.outside_gain_dbi = {outside!r}", "a number [dBi]")
-        front_end[name] = read_table(path.parent / file, outside)
+        pattern = front_end.get(name)
+        if isinstance(pattern, dict) and "file" in pattern:
+            named = validated(_TableFile, pattern, f"{path}: front_end.{name}")
+            front_end[name] = read_table(path.parent / named.file, named.outside_gain_dbi)
 
 
 def _check_together(path: Path, radar: Radar) -> None:

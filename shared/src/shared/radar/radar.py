@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Iterable
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float64
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
+from shared.physics.errors import InputError
 from shared.physics.telling import Told
 from shared.physics.units import BOLTZMANN, REFERENCE_TEMPERATURE, db_to_power
 from shared.radar.arrays import AntennaArray, avr_qdm_110, virtual_sensor_256
@@ -187,3 +190,29 @@ def first_validation_error(error: ValidationError, place: str = "", keys: Iterab
         return f"{field}: {fault['ctx']['error']}", ""
     value = "missing" if fault["type"] == "missing" else f"= {fault['input']!r}"
     return f"{field} {value}", fault["msg"][0].lower() + fault["msg"][1:]
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def validated(model: type[Model], document: object, source: object) -> Model:
+    """A document as a value of ``model``.
+
+    :param source: of the document, for the message
+    :raises InputError: a field that is missing, unknown or wrong
+    """
+    try:
+        return model.model_validate(document)
+    except ValidationError as error:
+        raise InputError(source, *first_validation_error(error)) from error
+
+
+def read_toml(path: Path, expected: str = "a TOML file in UTF-8") -> dict[str, Any]:
+    """The entries of a TOML file.
+
+    :raises InputError: missing, not UTF-8, not TOML
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, OSError) as error:
+        raise InputError(path, f"not readable as TOML: {error}", expected) from error

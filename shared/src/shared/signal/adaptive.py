@@ -37,7 +37,7 @@ from jaxtyping import Complex64, Float32, Float64, Int, Int64
 from shared.radar import Radar
 from shared.signal.imaging import steering_matrix
 from shared.signal.namespace import Array, array_namespace, one_thread
-from shared.signal.steering import manifold
+from shared.signal.signal import manifold
 from shared.signal.windows import angle_window
 
 Rule = Literal["iaa", "likes"]
@@ -184,11 +184,8 @@ def adaptive_spectrum(
     tables: AdaptiveTables,
     bins: int,
     iterations: int,
-    rule: Rule = "iaa",
 ) -> Float32[Array, "*rows {bins}"]:
-    """[..., bins] magnitude of the adaptive spectrum at the image's angles, in the rows' unit; zero rows give zeros.
-
-    The root of P by the "iaa" rule; the mean of the echo, |P q|, by the "likes" rule.
+    """[..., bins] root of P by the "iaa" rule at the image's angles, in the rows' unit; zero rows give zeros.
 
     :param rows: [..., C] complex64 snapshots of RMS 1 or 0
     :param noise: [...] float32 sigma^2, noise power over the row's
@@ -197,11 +194,7 @@ def adaptive_spectrum(
     """
     xp = array_namespace(rows)
     snapshot, loading = rows.reshape(-1, rows.shape[-1]), noise.reshape(-1)
-    power = adaptive_powers(snapshot, loading, tables, iterations, rule)
-    if rule == "iaa" or not iterations:
-        magnitude = xp.sqrt(power)
-    else:
-        magnitude = power * xp.abs(adaptive_forms(power, snapshot, loading, tables)[0])
+    magnitude = xp.sqrt(adaptive_powers(snapshot, loading, tables, iterations, "iaa"))
     return magnitude[:, :bins].reshape(*rows.shape[:-1], bins)
 
 

@@ -112,15 +112,13 @@ class StaticWorld:
         """Of some of the rows, as NumPy indexes them."""
         return replace(self, velocity_mps=self.velocity_mps[rows])
 
-    def prior(
-        self, u: Float64[np.ndarray, " angles"], floor_db: float = FLOOR_DB, spread_cells: float = SPREAD_CELLS
-    ) -> Float64[np.ndarray, "*rows angles"]:
+    def prior(self, u: Float64[np.ndarray, " angles"]) -> Float64[np.ndarray, "*rows angles"]:
         """[..., N] w(u) of each row, its largest value 1."""
         seen = np.asarray(self.velocity_mps, dtype=np.float64)[..., None]
         away = folded(seen - self.motion.range_rate(u), velocity_period_mps(self.radar))
-        floor = float(db_to_power(floor_db))
+        floor = float(db_to_power(FLOOR_DB))
         cells = away / self.radar.waveform.velocity_step_mps
-        weight = floor + (1.0 - floor) * np.exp(-(cells**2) / (2.0 * spread_cells**2))
+        weight = floor + (1.0 - floor) * np.exp(-(cells**2) / (2.0 * SPREAD_CELLS**2))
         return weight / weight.max(axis=-1, keepdims=True)
 
 

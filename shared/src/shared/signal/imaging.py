@@ -17,7 +17,7 @@ from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AntennaArray
 from shared.signal.near_field_kernels import PRODUCT_FRAMES, Pairs, Row, fill_folded, fill_matrix, fold_signals, unfold
-from shared.signal.steering import manifold
+from shared.signal.signal import manifold
 from shared.signal.sweep import reference_frequency_hz, shift_polynomials, sweep_positions
 from shared.signal.windows import hann
 

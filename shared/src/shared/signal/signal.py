@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Complex128, Float, Float64, Inexact, Real
+from numpy.typing import ArrayLike
 
 from shared.physics.units import SPEED_OF_LIGHT, db_to_power
 from shared.radar import Radar
@@ -90,3 +91,19 @@ def target_amplitudes(
     power = front_end.transmit_power_w * gains * wavelength**2 * db_to_power(rcs_dbsm)
     power /= (4.0 * np.pi) ** 3 * range_m**4
     return np.sqrt(power) * np.exp(1j * np.asarray(phase_rad))
+
+
+def manifold(
+    positions_m: Float[np.ndarray, " channels"], wavelength_m: float, u: ArrayLike
+) -> Complex128[np.ndarray, "channels ..."]:
+    """[C, *u.shape] a(u) = exp(-j k u p), plane waves of unit amplitude from the directions u = sin(azimuth).
+
+    By eq. (1) and (2) an echo from u has this phase over the virtual elements, k = 2 pi / lambda of mid-sweep. Who
+    looks for it multiplies by the conjugate, so that images peak at +u: one sign and one wavelength for all who image
+    or estimate. Valid from about 5 m for the input array of 94 mm: nearer than that the wave front is curved.
+
+    :param positions_m: [C] y_tx + y_rx of each virtual element [m]
+    :param wavelength_m: at mid-sweep [m]
+    """
+    wavenumber = 2.0 * np.pi / wavelength_m
+    return np.exp(-1j * wavenumber * np.multiply.outer(positions_m, np.asarray(u, dtype=np.float64)))

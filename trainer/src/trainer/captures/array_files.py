@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
 from shared.radar import Radar
-from trainer.captures.reading import read_arrays
-from trainer.captures.samples import Order, as_cube, chosen_frames, one_sided, ordered
+from trainer.captures.samples import Order, Reading, as_cube, chosen_frames, one_sided, ordered
 
 NAMES = ("frame", "chirp", "tx", "rx", "sample", "iq")
 GUESSES = (
@@ -53,25 +52,18 @@ def parse_axes(text: str) -> Axes:
 
 
 def read_array_capture(
-    path: Path,
-    radar: Radar,
-    axes: str | None = None,
-    variable: str | None = None,
-    order: Order = "iq",
-    frames: tuple[int, int] | None = None,
-    arrays: Mapping[str, NDArray[Any]] | None = None,
+    path: Path, radar: Radar, reading: Reading, arrays: Mapping[str, NDArray[Any]]
 ) -> tuple[NDArray[np.complex64], str]:
     """([frame, chirp, sample, C] in the file's unit, the axes that were taken).
 
     Real arrays without an axis "iq" are real samples. Whole numbers from 0 to 65535 of which some are beyond 32767 are
     16-bit numbers with a sign that was lost, as in a capture that was read as uint16.
 
-    :param variable: name of the array; by default the one that fits
-    :param arrays: the file's arrays, where they have been read
+    :param arrays: of the file
     :raises InputError: no array that fits the radar, several, or samples that are not finite
     """
-    read = read_arrays(path) if arrays is None else arrays
-    arrays = {name: values for name, values in read.items() if values.dtype.kind in "iufc"}
+    axes, variable = reading.axes, reading.variable
+    arrays = {name: values for name, values in arrays.items() if values.dtype.kind in "iufc"}
     if variable is not None and variable not in arrays:
         raise InputError(path, f"no array {variable!r}", f"one of {sorted(arrays)}")
     candidates = arrays if variable is None else {variable: arrays[variable]}
@@ -90,11 +82,11 @@ def read_array_capture(
     values = with_sign(candidates[name]).reshape([lengths[word] for word in words])
     absent = [word for word in NAMES[:-1] if word not in words]
     values, words = values.reshape(*values.shape, *([1] * len(absent))), words + absent
-    chosen = chosen_frames(path, values.shape[words.index("frame")], frames, radar)
+    chosen = chosen_frames(path, values.shape[words.index("frame")], reading.frames, radar)
     values = values.take(np.array(chosen), axis=words.index("frame"))
     if not np.isfinite(values).all():
         raise InputError(path, f"{name} has values that are not finite", "finite samples")
-    return as_cube(*_complex(values, words, order)), pattern
+    return as_cube(*_complex(values, words, reading.order)), pattern
 
 
 def with_sign(values: NDArray[Any]) -> NDArray[Any]:

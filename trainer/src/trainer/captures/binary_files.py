@@ -28,9 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
-from shared.radar import Radar
+from shared.radar import CaptureRadar
 from trainer.captures.samples import (
-    Order,
+    Reading,
     Sizes,
     as_cube,
     chosen_frames,
@@ -51,29 +51,20 @@ RX_OF_DEVICE = 4
 INDEX_HEADER = struct.Struct("<IIIIQ")
 
 
-def read_dca1000(
-    path: Path,
-    radar: Radar,
-    lanes: Lanes,
-    real: bool,
-    order: Order = "iq",
-    frames: tuple[int, int] | None = None,
-    rx_numbers: tuple[int, ...] = (),
-) -> NDArray[np.complex64]:
+def read_dca1000(path: Path, of_board: CaptureRadar, reading: Reading, lanes: Lanes) -> NDArray[np.complex64]:
     """[frame, chirp, sample, C] in counts of the converter.
 
-    :param real: True for samples without Q
-    :param frames: from the first to before the second; all by default
-    :param rx_numbers: of the radar's RX on the board, from 1, which are its lanes; by default the first ones
+    :param of_board: the RX of a "4-lane" file are its lanes, by default the first ones
     :raises InputError: a file whose size does not fit, that is empty, or whose numbers cannot be samples
     """
+    radar, real, order = of_board.radar, of_board.real, reading.order
     wide = lanes == "4-lane"
     sizes = sizes_of(radar, real, LANES if wide else None)
-    chosen = chosen_frames(path, frames_there(path, sizes), frames, radar)
+    chosen = chosen_frames(path, frames_there(path, sizes), reading.frames, radar)
     numbers = read_numbers(path, sizes, chosen)
     shape = (len(chosen), sizes.chirps, sizes.tx)
     if wide:
-        used = [number - 1 for number in rx_numbers] or list(range(sizes.rx))
+        used = [number - 1 for number in of_board.rx] or list(range(sizes.rx))
         axes = ("frame", "chirp", "tx", "sample", "rx")
         if real:
             return as_cube(one_sided(numbers.reshape(*shape, sizes.samples, LANES)[..., used]), axes)
@@ -112,29 +103,24 @@ def cascade_files(path: Path) -> list[Path]:
     return files
 
 
-def read_cascade(
-    path: Path,
-    radar: Radar,
-    order: Order = "iq",
-    frames: tuple[int, int] | None = None,
-    rx_numbers: tuple[int, ...] = (),
-) -> NDArray[np.complex64]:
+def read_cascade(path: Path, of_board: CaptureRadar, reading: Reading) -> NDArray[np.complex64]:
     """[frame, chirp, sample, C] in counts of the converter.
 
     :param path: folder, or the master's data file
-    :param rx_numbers: of the radar's RX on the board, from 1; all sixteen by default
+    :param of_board: all sixteen RX by default
     :raises InputError: a file that is missing, or whose size does not fit its index, the radar or the other files
     """
+    radar = of_board.radar
     files, waveform = cascade_files(path), radar.waveform
     sizes = Sizes(waveform.chirps, len(radar.array.tx_m), RX_OF_DEVICE, waveform.samples, real=False)
     counts = [_frames_of(file, sizes) for file in files]
     if len(set(counts)) != 1:
         told = ", ".join(f"{device} {count}" for device, count in zip(DEVICES, counts, strict=True))
         raise InputError(files[0], f"frames of {told}", "the same number of each device")
-    numbers = rx_numbers or tuple(range(1, len(DEVICES) * RX_OF_DEVICE + 1))
+    numbers = of_board.rx or tuple(range(1, len(DEVICES) * RX_OF_DEVICE + 1))
     if len(numbers) != len(radar.array.rx_m):
         raise InputError(path, f"RX {list(numbers)}", f"the {len(radar.array.rx_m)} RX of radar {radar.name!r}")
-    chosen = chosen_frames(files[0], counts[0], frames, radar)
+    chosen = chosen_frames(files[0], counts[0], reading.frames, radar)
     shape = (len(chosen), sizes.chirps, sizes.tx, sizes.samples)
     samples = np.empty((*shape, len(numbers)), np.complex64)
     for device, file in enumerate(files):
@@ -146,7 +132,7 @@ def read_cascade(
         parts = read_numbers(file, sizes, chosen).reshape(*shape, RX_OF_DEVICE, 2)
         for place, rx in wanted:
             samples[..., place].real, samples[..., place].imag = parts[..., rx, 0], parts[..., rx, 1]
-    return as_cube(ordered(samples, order), ("frame", "chirp", "tx", "sample", "rx"))
+    return as_cube(ordered(samples, reading.order), ("frame", "chirp", "tx", "sample", "rx"))
 
 
 def _frames_of(file: Path, sizes: Sizes) -> int:

@@ -36,8 +36,8 @@ from shared.radar import Radar
 from shared.signal.signal import if_signal_of_delays, round_trip_delays
 from shared.signal.windows import hann
 from trainer.captures.calibration import Calibration, Reflector, write_calibration
-from trainer.captures.importing import RawCapture, Reading, read_capture
-from trainer.captures.samples import DEAD_DB
+from trainer.captures.importing import RawCapture, read_capture
+from trainer.captures.samples import DEAD_DB, Reading
 
 SEARCH_BINS = 3.0
 """A reflector stands that near to its stated range: tapes err by centimetres, boards add some of their own."""
@@ -131,19 +131,19 @@ def calibrate(
             raise InputError(place.source, "other chirps than the first capture", "the same")
     calibration = _fit(captures, places, reading.board)
     lines = [
-        f"{place.source}: leaves {_left(capture, place, calibration).stated_db:.1f} dB (it was fitted to it)"
+        f"{place.source}: leaves {residual(capture, place, calibration).stated_db:.1f} dB (it was fitted to it)"
         for capture, place in zip(captures, places, strict=True)
     ]
     errors: list[float] = []
     if checked is not None and check is not None:
-        left = _left(checked, check, calibration)
+        left = residual(checked, check, calibration)
         errors, told = [left.best_db], _told(check, left)
         lines += told
     elif len(places) > 1:
         for index, place in enumerate(places):
             others = [i for i in range(len(places)) if i != index]
             fitted = _fit([captures[i] for i in others], [places[i] for i in others], reading.board)
-            left = _left(captures[index], place, fitted)
+            left = residual(captures[index], place, fitted)
             errors.append(left.best_db)
             lines += _told(place, left)
     if errors:
@@ -155,14 +155,6 @@ def calibrate(
     for line in (*_summary(out, calibration), *lines):
         announce(line)
     return calibration
-
-
-def residual(capture: RawCapture, place: Place, calibration: Calibration) -> Left:
-    """What a capture leaves after calibration.
-
-    :raises InputError: no reflector at the stated place
-    """
-    return _left(_average(capture), place, calibration)
 
 
 def _average(capture: RawCapture) -> RawCapture:
@@ -259,7 +251,9 @@ def _response(capture: RawCapture, place: Place) -> Response:
     return Response(np.sum(_window(samples)[:, None] * turn * chirp, axis=0), bins)
 
 
-def _left(capture: RawCapture, place: Place, calibration: Calibration) -> Left:
+def residual(capture: RawCapture, place: Place, calibration: Calibration) -> Left:
+    """What a capture leaves after calibration."""
+    capture = _average(capture)
     calibrated = replace(capture, cube=calibration.applied(capture.cube, capture.radar))
     dead = sorted({*capture.dead, *calibration.dead_channels})
     alive = np.setdiff1d(np.arange(capture.radar.array.channels), dead)

@@ -16,24 +16,21 @@ that overlaps it.
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from shared.dataset.documents import sealed, unsealed
 from shared.dataset.writing import write_text
 from shared.physics.errors import InputError
-from shared.radar import Radar, first_validation_error
+from shared.radar import Radar, read_toml, validated
 from shared.radar.arrays import AntennaArray
 from trainer.captures.cube_file import Sha256
 
-LARGEST_FILE = 2**24
-"""Bytes; 192 channels take 20 000."""
 SAME_PLACE_M = 1e-6
 
 
@@ -149,14 +146,8 @@ def read_calibration(path: Path) -> Calibration:
     :raises InputError: missing, not TOML, changed since it was written, or not a calibration
     """
     expected = "a calibration of trainer calibrate"
+    document = read_toml(path, expected)
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise InputError(path, f"{path.stat().st_size} bytes", f"at most {LARGEST_FILE}")
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-        return Calibration.model_validate(unsealed(path, document))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, OSError) as error:
-        raise InputError(path, f"not readable as TOML: {error}", expected) from error
-    except ValidationError as error:
-        raise InputError(path, *first_validation_error(error)) from error
+        return validated(Calibration, unsealed(path, document), path)
     except TypeError as error:  # a date, which TOML has and a document has not
         raise InputError(path, f"not readable: {error}", expected) from error

@@ -26,11 +26,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from shared.physics.errors import InputError
 from shared.physics.units import amplitude_to_db
-from shared.radar import Radar, first_validation_error
+from shared.radar import Radar, validated
 from shared.radar.arrays import Position
 from shared.radar.boards import mirrored, mmwcas
 from trainer.captures.calibration import SAME_PLACE_M, Calibration
@@ -85,14 +84,12 @@ class CascadeCalibration:
         level = amplitude_to_db(np.abs(self.peaks))
         dead = (level < np.median(level) - DEAD_DB)[np.ix_(tx, rx)].T.reshape(-1)
         delays, phases = (np.where(dead, 0.0, each[np.ix_(tx, rx)].T.reshape(-1)) for each in (delay, phase))
-        try:
-            return Calibration(
-                board=board, array=radar.array, carrier_hz=waveform.carrier_hz, bandwidth_hz=waveform.bandwidth_hz,
-                gain_db=(0.0,) * len(dead), phase_deg=tuple(phases.tolist()), delay_s=tuple(delays.tolist()),
-                dead_channels=tuple(np.flatnonzero(dead).tolist()), captures=(),
-            )  # fmt: skip
-        except ValidationError as error:
-            raise InputError(self.path, *first_validation_error(error)) from error
+        fields = {
+            "board": board, "array": radar.array, "carrier_hz": waveform.carrier_hz,
+            "bandwidth_hz": waveform.bandwidth_hz, "gain_db": (0.0,) * len(dead), "phase_deg": phases.tolist(),
+            "delay_s": delays.tolist(), "dead_channels": np.flatnonzero(dead).tolist(), "captures": (),
+        }  # fmt: skip
+        return validated(Calibration, fields, self.path)
 
     def samples(self, board: str, radar: Radar) -> NDArray[np.complex64]:
         """[1, 1, sample, C] the mean chirp that the spectra are of.

@@ -20,12 +20,12 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from shared.dataset.documents import sealed, unsealed
 from shared.dataset.writing import atomic
 from shared.physics.errors import InputError
-from shared.radar import Radar, first_validation_error, load_radar
+from shared.radar import Radar, load_radar, validated
 from trainer.captures.reading import read_arrays
 
 LARGEST_SAMPLE = 1e12
@@ -114,8 +114,14 @@ def read_cube(path: Path, radar: str | None) -> CubeFile:
         if missing := {"cube", "radar"} - content.keys():
             raise InputError(path, f"no array {min(missing)!r}", "the arrays 'cube' and 'radar'")
         cube = content["cube"]
-        found = _radar(path, str(content["radar"])) if radar is None else load_radar(radar)
-        capture = _capture(path, str(content["capture"])) if "capture" in content else None
+        if radar is None:
+            named = {"name": path.stem, **_fields(path, "radar", str(content["radar"]))}
+            found = validated(Radar, named, f"{path}: radar")
+        else:
+            found = load_radar(radar)
+        if "capture" in content:
+            entries = unsealed(path, _fields(path, "capture", str(content["capture"])))
+            capture = validated(Capture, entries, f"{path}: capture")
     frames = _checked(path, cube, found)
     if capture is not None:
         _check_capture(path, capture, frames)
@@ -141,24 +147,15 @@ def _checked(path: Path, cube: NDArray[Any], radar: Radar) -> NDArray[np.complex
     return cube.reshape(-1, *expected).astype(np.complex64)
 
 
-def _radar(path: Path, text: str) -> Radar:
+def _fields(path: Path, name: str, text: str) -> dict[str, Any]:
+    """The JSON object that an array of text holds."""
     try:
-        return Radar.model_validate({"name": path.stem, **json.loads(text)})
-    except ValidationError as error:
-        raise InputError(f"{path}: radar", *first_validation_error(error)) from error
-    except (ValueError, TypeError, RecursionError) as error:
-        raise InputError(path, f"radar is not JSON: {error}", "a radar's fields as JSON text") from error
-
-
-def _capture(path: Path, text: str) -> Capture:
-    try:
-        return Capture.model_validate(unsealed(path, json.loads(text)))
-    except InputError:
-        raise
-    except ValidationError as error:
-        raise InputError(f"{path}: capture", *first_validation_error(error)) from error
-    except (ValueError, TypeError, RecursionError) as error:
-        raise InputError(path, f"capture is not JSON: {error}", "a capture's fields as JSON text") from error
+        fields = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(path, f"{name} is not JSON: {error}", f"a {name}'s fields as JSON text") from error
+    if not isinstance(fields, dict):
+        raise InputError(path, f"{name} is {type(fields).__name__}", f"a {name}'s fields as JSON text")
+    return fields
 
 
 def _check_capture(path: Path, capture: Capture, frames: NDArray[np.complex64]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +26,7 @@ from trainer.captures.samples import (
     DEAD_DB,
     FULL_SCALE,
     OTHER_SIDE_DB,
-    Order,
+    Reading,
     chosen_frames,
     flatness_db,
     other_side_db,
@@ -37,30 +37,6 @@ OTHER_LANES_DB = 3.0
 LAYOUTS = ("2-lane", "4-lane", "cascade")
 LAYOUT_OF = {"iwr1443": "4-lane", "mmwcas": "cascade", "mmwcas-azimuth": "cascade"}
 """Of a board's .bin files; of the others "2-lane"."""
-
-
-@dataclass(frozen=True)
-class Reading:
-    """How a capture is read.
-
-    :param board: name of the board, see :mod:`shared.radar.boards`
-    :param radar: file of its chirps, TOML or .cfg; without it those of the board's preset
-    :param axes: of an array, see :mod:`trainer.captures.array_files`
-    :param variable: of several arrays in a file
-    :param layout: of a .bin, see :data:`LAYOUTS`; by default the board's
-    :param order: "iq", or "qi" where Q comes first
-    :param frames: from the first to before the second; all by default
-    :param mirror: exchange left and right of the board
-    """
-
-    board: str
-    radar: str | None = None
-    axes: str | None = None
-    variable: str | None = None
-    layout: str | None = None
-    order: Order = "iq"
-    frames: tuple[int, int] | None = None
-    mirror: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +105,8 @@ def read_capture(source: Path, reading: Reading) -> RawCapture:
     :raises InputError: see :func:`import_capture`
     """
     require_utf8(source)
-    radar, real, rx = described(reading)
-    notes: list[str] = []
+    of_board = described(reading)
+    radar, notes = of_board.radar, list[str]()
     if source.suffix in SUFFIXES:
         if reading.layout is not None:
             raise InputError("--layout", f"{reading.layout!r} of {source}", "no --layout: it is of .bin files")
@@ -145,13 +121,11 @@ def read_capture(source: Path, reading: Reading) -> RawCapture:
             radar = radar.model_copy(update={"waveform": radar.waveform.model_copy(update={"chirps": 1})})
             cube = read_cascade_calibration(source, arrays).samples(reading.board, radar)
         else:
-            cube, axes = read_array_capture(
-                source, radar, reading.axes, reading.variable, reading.order, reading.frames, arrays
-            )
+            cube, axes = read_array_capture(source, radar, reading, arrays)
             notes.append(f"axes of {source}: {axes}")
         digest = sha256_of(source)
     else:
-        cube, digest = _of_binary(source, reading, radar, real, rx)
+        cube, digest = _of_binary(source, reading, of_board)
     if (excess := other_side_db(cube)) > OTHER_SIDE_DB:
         notes.append(f"warning: the last range bins hold {excess:.0f} dB more than the first: see --order and --layout")
     converter = radar.front_end.converter
@@ -173,9 +147,7 @@ def described(reading: Reading) -> CaptureRadar:
     return load_capture_radar(reading.radar, reading.board, reading.mirror)
 
 
-def _of_binary(
-    source: Path, reading: Reading, radar: Radar, real: bool, rx: tuple[int, ...]
-) -> tuple[NDArray[np.complex64], str]:
+def _of_binary(source: Path, reading: Reading, of_board: CaptureRadar) -> tuple[NDArray[np.complex64], str]:
     """([frame, chirp, sample, C] counts, SHA-256) of .bin files."""
     layout = reading.layout or LAYOUT_OF.get(reading.board, "2-lane")
     if layout not in LAYOUTS:
@@ -183,18 +155,18 @@ def _of_binary(
     if reading.axes is not None or reading.variable is not None:
         raise InputError("--axes or --variable", f"beside {source}", f"a file of arrays: {', '.join(SUFFIXES)}")
     if layout == "cascade":
-        cube = read_cascade(source, radar, reading.order, reading.frames, rx)
+        cube = read_cascade(source, of_board, reading)
         digests = [sha256_of(file) for file in cascade_files(source)]
         return cube, hashlib.sha256("".join(digests).encode()).hexdigest()
     if not source.is_file():
         names = f"a .bin of a DCA1000, {', '.join(SUFFIXES)}, or the folder of {' and '.join(DEVICES)} of a cascade"
         raise InputError("CAPTURE", f"{source}", names)
     lanes: Lanes = "4-lane" if layout == "4-lane" else "2-lane"
-    cube = read_dca1000(source, radar, lanes, real, reading.order, reading.frames, rx)
-    if reading.layout is None and len(radar.array.rx_m) == LANES and not real:
+    cube = read_dca1000(source, of_board, reading, lanes)
+    if reading.layout is None and len(of_board.radar.array.rx_m) == LANES and not of_board.real:
         first = reading.frames[0] if reading.frames else 0
         other: Lanes = "2-lane" if lanes == "4-lane" else "4-lane"
-        turned = read_dca1000(source, radar, other, real, reading.order, (first, first + 1), rx)
+        turned = read_dca1000(source, of_board, replace(reading, frames=(first, first + 1)), other)
         if (narrower := flatness_db(cube) - flatness_db(turned)) > OTHER_LANES_DB:
             problem = f"as {other} its range profile is {narrower:.1f} dB narrower than as {lanes}"
             raise InputError(source, problem, f"another board than {reading.board!r}, or --layout {lanes} if it is one")

@@ -31,6 +31,30 @@ negative frequencies, hold that much more, I and Q are the other way round, or t
 
 
 @dataclass(frozen=True)
+class Reading:
+    """How a capture is read.
+
+    :param board: name of the board, see :mod:`shared.radar.boards`
+    :param radar: file of its chirps, TOML or .cfg; without it those of the board's preset
+    :param axes: of an array, see :mod:`trainer.captures.array_files`
+    :param variable: of several arrays in a file
+    :param layout: of a .bin, see :data:`trainer.captures.importing.LAYOUTS`; by default the board's
+    :param order: "iq", or "qi" where Q comes first
+    :param frames: from the first to before the second; all by default
+    :param mirror: exchange left and right of the board
+    """
+
+    board: str
+    radar: str | None = None
+    axes: str | None = None
+    variable: str | None = None
+    layout: str | None = None
+    order: Order = "iq"
+    frames: tuple[int, int] | None = None
+    mirror: bool = False
+
+
+@dataclass(frozen=True)
 class Sizes:
     """Of a frame as it was recorded.
 

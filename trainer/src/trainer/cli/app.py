@@ -9,8 +9,7 @@ from rich.markup import escape
 from typer.core import TyperCommand
 from typer.exceptions import TyperException
 
-from shared.processes.command_line import Ending, ending_with, run_app
-from shared.processes.interrupt import INTERRUPTED
+from shared.processes.interrupt import INTERRUPTED, Ending, ending_with, run_app
 from trainer.cli.captures import calibrate, import_
 from trainer.cli.evaluate import evaluate
 from trainer.cli.examples import EXAMPLES

@@ -43,7 +43,8 @@ def import_(
     mirror: Mirror = False,
 ) -> None:
     """The raw samples of a board as a cube that predict and evaluate read."""
-    from trainer.captures.importing import Reading, import_capture
+    from trainer.captures.importing import import_capture
+    from trainer.captures.samples import Reading
 
     reading = Reading(board, radar, axes, variable, layout, _order(order), _frames(frames), mirror)
     import_capture(capture, out, reading, calibration)
@@ -75,7 +76,7 @@ def calibrate(
     """Gain, phase and delay of a board's channels from captures of a reflector whose place is known."""
     from trainer.captures.calibrating import Place
     from trainer.captures.calibrating import calibrate as run_calibrate
-    from trainer.captures.importing import Reading
+    from trainer.captures.samples import Reading
 
     if not len(captures) == len(ranges) == len(angles):
         told = f"{len(captures)} captures, {len(ranges)} --range and {len(angles)} --angle"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from shared.processes.interrupt import run_command
-from shared.processes.strangers import refuse_namesake
+from shared.processes.lazy import refuse_namesake
 
 
 def main() -> None:

@@ -9,7 +9,6 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from shared.physics.errors import InputError
 from shared.processes.defaults import LARGEST_SEED
 
 
@@ -72,22 +71,18 @@ def evaluate(
 ) -> None:
     """Hold runs and classical estimators against each other: metrics, figures, and a page to look at."""
     # torch and matplotlib take seconds to import, and trainer --help should not.
-    from pydantic import ValidationError
-
-    from shared.radar import first_validation_error
+    from shared.radar import validated
     from trainer.evaluation.evaluate import evaluate as run_evaluate
     from trainer.evaluation.experiments.bench import EvaluationConfig
     from trainer.evaluation.experiments.measured_input import read_measured
     from trainer.run.pretrained import pretrained_run
 
-    try:
-        config = EvaluationConfig(
-            runs=(*(run or []), *(pretrained_run(name) for name in pretrained or [])), methods=_names(methods),
-            arrays=_names(arrays) or (), experiments=_names(experiments), frames=frames, shown=shown, trials=trials,
-            seed=seed,
-        )  # fmt: skip
-    except ValidationError as error:
-        raise InputError("trainer evaluate", *first_validation_error(error)) from error
+    fields = {
+        "runs": (*(run or []), *(pretrained_run(name) for name in pretrained or [])), "methods": _names(methods),
+        "arrays": _names(arrays) or (), "experiments": _names(experiments), "frames": frames, "shown": shown,
+        "trials": trials, "seed": seed,
+    }  # fmt: skip
+    config = validated(EvaluationConfig, fields, "trainer evaluate")
     row = None if measured is None else read_measured(measured, targets, range_m, model_error)
     console = Console(soft_wrap=True, highlight=False)
     columns = TextColumn("{task.description:<15}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()

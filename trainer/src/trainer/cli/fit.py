@@ -101,8 +101,7 @@ def fit(
     from trainer.training.fit import FitRequest
     from trainer.training.fit import fit as run_fit
     from trainer.training.processes import is_first
-    from trainer.training.recipes import configuration
-    from trainer.training.start import SHIPPED
+    from trainer.training.start import SHIPPED, configuration
 
     given = {
         "model": model, "features": features, "target": target, "width": width, "hidden": hidden, "steps": steps,

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from shared.physics.errors import InputError
-from shared.radar import Radar, first_validation_error
+from shared.radar import Radar, read_toml, validated
 from shared.radar.arrays import AVR_QDM_110_THINNED_RX
 
 
@@ -62,10 +61,4 @@ def _from_file(path: Path) -> ArrayChoice:
     if not path.is_file():
         known = ", ".join(AVR_QDM_110_THINNED_RX)
         raise InputError("--array", f"no named array and no file {str(path)!r}", f"a TOML file or one of {known}")
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-        return ArrayChoice.model_validate({"name": path.stem, **document})
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        raise InputError(path, f"not readable as TOML: {error}", "a TOML file in UTF-8") from error
-    except ValidationError as error:
-        raise InputError(path, *first_validation_error(error)) from error
+    return validated(ArrayChoice, {"name": path.stem, **read_toml(path)}, path)

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.signal.adaptive import PRIOR_EXPONENT
-from shared.signal.steering import manifold
+from shared.signal.signal import manifold
 from shared.signal.windows import angle_window
 from trainer.estimators.array import LineArray, NoisePower, image_rows, scan_axis
 

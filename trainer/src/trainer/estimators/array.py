@@ -4,7 +4,7 @@ Signal model, for one range bin after range and Doppler processing (plane waves,
 
     x_c = sum_k s_k exp(-j k u_k p_c) + n_c,    k = 2 pi / lambda,    p_c = y_tx + y_rx,    u = sin(azimuth)
 
-with the sign and the mid-sweep wavelength of :func:`shared.signal.steering.manifold`, so that a target on the left
+with the sign and the mid-sweep wavelength of :func:`shared.signal.signal.manifold`, so that a target on the left
 peaks at u > 0. Valid from about 5 m for the input array of 94 mm; nearer than that the wave front is curved: by
 exp(j k (1 - u^2) q_c / R), q_c = (y_tx^2 + y_rx^2) / 2 (Fresnel), which the fit of a frame's detections takes in.
 """
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
 from shared.radar import Radar
-from shared.signal.steering import manifold
+from shared.signal.signal import manifold
 
 FINEST_DIVISION = 8
 """A common spacing is sought among the smallest gap between two elements and its parts down to this one."""

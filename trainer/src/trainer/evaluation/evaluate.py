@@ -17,8 +17,6 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-from matplotlib.figure import Figure
-from threadpoolctl import threadpool_limits
 
 from shared.dataset.folder import MANIFEST, open_dataset
 from shared.dataset.locations import Location, folder_name, locate
@@ -33,36 +31,29 @@ from trainer.evaluation.experiments.bench import (
     EvaluationConfig,
     Experiment,
     FrameRef,
+    Numbers,
     Results,
     Task,
-    contender_task,
-    single_row,
+    known,
+    task_of,
 )
-from trainer.evaluation.experiments.contenders import Contender, check_methods, gather
+from trainer.evaluation.experiments.contenders import NETWORKS, Contender, check_methods, gather
 from trainer.evaluation.experiments.cylinders import PointSpread, Reflectors
 from trainer.evaluation.experiments.detection import Detection
 from trainer.evaluation.experiments.doppler import Doppler
 from trainer.evaluation.experiments.frames import frame_refs, load_frame
 from trainer.evaluation.experiments.generalisation import SECONDS, Generalisation, Tradeoff
-from trainer.evaluation.experiments.measured import (
-    CAPTION,
-    TITLE,
-    MeasuredRow,
-    check_measured_methods,
-    fitting_networks,
-    look_at,
-)
+from trainer.evaluation.experiments.measured import METHODS, Measured, fitting_networks
 from trainer.evaluation.experiments.measured import NAME as MEASURED
 from trainer.evaluation.experiments.measured_input import MeasuredInput, with_arrays
 from trainer.evaluation.experiments.noise_only import NoiseOnly
 from trainer.evaluation.experiments.resolution import Resolution
 from trainer.evaluation.experiments.robustness import Robustness
-from trainer.evaluation.experiments.street import Street
-from trainer.evaluation.outcome import REPORT, SUMMARY, report_frames, write_outcome
+from trainer.evaluation.experiments.street import Street, report_frames
 from trainer.evaluation.report.figures import save_figure
-from trainer.evaluation.report.page import ReportFigure
-from trainer.evaluation.report.tables import MetricRow
-from trainer.evaluation.store import Cell, CellStore, Values, code_fingerprint
+from trainer.evaluation.report.page import ReportFigure, report_page
+from trainer.evaluation.report.tables import MetricRow, metrics_table, summary, write_table
+from trainer.evaluation.store import CellStore, Values, cell_name
 from trainer.evaluation.workers import Workers, alone
 from trainer.run.answers import Answer, NetworkAnswer
 from trainer.run.folder import JOB, Fingerprint, output_folder, scene_records
@@ -79,7 +70,7 @@ EXPERIMENTS: dict[str, Experiment] = {
 NAMES = (*EXPERIMENTS, MEASURED)
 SUMMARY_COLUMNS = [(name, column) for name, experiment in EXPERIMENTS.items() for column in experiment.summary]
 CELLS, FIGURES = "cells", "figures"
-LINES = "lines.md"
+REPORT, SUMMARY = "report.html", "summary.md"
 RUNTIME = "runtime"
 RUNTIME_REPEATS = 3
 """Runs for one image after a first one, of which the shortest counts: what else a machine does only adds."""
@@ -110,83 +101,90 @@ def evaluate(
     :raises TrainingStopped: three worker processes died of a cell
     """
     config = config or EvaluationConfig()
-    remedy = "an empty or new folder, or --resume to keep what is finished"
     advance = progress or (lambda *_: None)
-    with output_folder(out, resume, remedy) as folder:
+    with output_folder(out, resume, "an empty or new folder, or --resume to keep what is finished") as folder:
         if resume:
             _require_cells(out)
-        if config.methods is not None and dataset is not None:
-            check_methods(config.methods)
-        _check_experiments(config.experiments)
-        if dataset is None:
-            if measured is None:
-                raise InputError("arguments", "neither a dataset nor --measured", "one of both, or both")
-            if config.experiments is not None and config.experiments != (MEASURED,):
-                raise InputError("--experiments", ", ".join(config.experiments), f"{MEASURED} alone without a dataset")
-            look, obstacles = _measured_alone(measured, config)
-            bench, left_out = Bench("", measured.radar or Radar(), (), frozenset(), (), config), dict[str, int]()
-            chosen = list[Experiment]()
-            title = f"Evaluation of {measured.path.name}"
-        else:
-            bench, left_out = open_bench(dataset, config)
-            chosen, obstacles = choose_experiments(
-                config.experiments, bench, None if measured is None else measured.path
-            )
-            obstacles = [*obstacles, *_of_precision(contender.answer for contender in bench.contenders)]
-            title = f"Evaluation on {folder_name(locate(dataset))}"
-            if measured is not None:
-                arrays = [contender.array for contender in bench.contenders]
-                look = partial(look_at, with_arrays(measured, bench.radar, arrays))
+        bench, chosen, title, remarks = _prepared(dataset, measured, config)
         remove_partial(out)
         store = CellStore(out / CELLS)
-        for line in obstacles:
+        for line in remarks:
             announce(line)
-        for kind, count in left_out.items():
-            announce(f"{count} {kind} frames of the test split are left out: --frames {bench.config.frames}")
         if bench.frames:
             bench = replace(bench, seconds=_seconds(bench, store, advance))
         rows: list[MetricRow] = []
         figures: list[ReportFigure] = []
-        (out / FIGURES).mkdir(exist_ok=True)
+        texts: dict[str, str] = {}
         written = set[str]()
-
-        def save(name: str, figure: Figure) -> bytes:
-            written.update({f"{name}.png", f"{name}.svg"})
-            return save_figure(figure, out / FIGURES, name)
-
+        (out / FIGURES).mkdir(exist_ok=True)
         with Workers(bench, workers, folder) as pool:
             street = EXPERIMENTS[Street.name]
             shown = _compute(street, bench, store, pool, partial(advance, "images")) if bench.frames else {}
             for experiment in chosen:
                 results = _compute(experiment, bench, store, pool, partial(advance, experiment.name))
-                rows += experiment.rows(bench, results)
-                for name, figure in experiment.figures(bench, results).items():
-                    figures.append(ReportFigure(experiment.title, experiment.caption, save(name, figure)))
-        if measured is not None:
-            advance(MEASURED, 0, 1)
-            with threadpool_limits(limits=1):
-                seen = look()
-            advance(MEASURED, 1, 1)
-            rows += seen.rows
-            write_text(out / LINES, seen.lines)
-            figures += [ReportFigure(TITLE, CAPTION, save(name, figure)) for name, figure in seen.figures.items()]
-        rows += [
-            single_row(RUNTIME, contender, SECONDS, {}, bench.seconds[contender.method, contender.array.name])
-            for contender in bench.contenders
-        ]
+                found = experiment.rows(bench, results)
+                for name, figure in experiment.figures(bench, results, found).items():
+                    png = save_figure(figure, out / FIGURES, name)
+                    figures.append(ReportFigure(experiment.title, experiment.caption, png))
+                    written |= {f"{name}.png", f"{name}.svg"}
+                rows += found
+                texts |= experiment.texts()
+        runtimes = Numbers(RUNTIME, config.seed)
+        for contender in bench.contenders:
+            runtimes.add(contender.key, SECONDS, {}, known(bench.seconds[contender.key]))
+        parameters = {contender.key: contender.parameters for contender in bench.contenders}
+        table = metrics_table([*rows, *runtimes.rows], bench.seconds, parameters)
+        write_table(table, out)
+        if bench.frames:
+            texts = {SUMMARY: summary(table, SUMMARY_COLUMNS), **texts}
         frames = [] if dataset is None else report_frames(bench, shown, open_dataset(dataset))
-        ran = [*(experiment.name for experiment in chosen), *([MEASURED] if measured is not None else [])]
-        table = write_outcome(out, bench, title, ran, rows, figures, frames, SUMMARY_COLUMNS)
+        ran = ", ".join(experiment.name for experiment in chosen)
+        page = report_page(title, _introduction(bench, ran), bench.radar, frames, figures, table)
+        for name, text in {REPORT: page, **texts}.items():
+            write_text(out / name, text)
     if stale := sum(path.name not in written for path in (out / FIGURES).iterdir()):
         announce(f"{stale} files in {out / FIGURES} are of other arguments and not in this report")
     if store.unused:
         announce(f"{store.unused} cells in {store.directory} are of other arguments and not in this report")
-    written_texts = [REPORT, *([SUMMARY] if bench.frames else []), *([LINES] if measured is not None else [])]
     announce(
         f"{store.computed} cells computed, {store.kept} kept; {len(table)} numbers; look: "
-        f"{', '.join(str(out / name) if name == REPORT else name for name in written_texts)}"
+        f"{', '.join([str(out / REPORT), *texts])}"
     )
     return table
+
+
+def _prepared(
+    dataset: Location | str | None, row: MeasuredInput | None, config: EvaluationConfig
+) -> tuple[Bench, list[Experiment], str, list[str]]:
+    """(what the experiments work on, those that apply, title, a line for each thing left out and on precision)."""
+    if dataset is not None:
+        bench, left_out = open_bench(dataset, config)
+        arrays = [contender.array for contender in bench.contenders]
+        measured = None if row is None else Measured(with_arrays(row, bench.radar, arrays))
+        chosen, remarks = choose_experiments(config.experiments, bench, measured)
+        remarks += _of_precision(contender.answer for contender in bench.contenders)
+        for kind, count in left_out.items():
+            remarks.append(f"{count} {kind} frames of the test split are left out: --frames {config.frames}")
+        return bench, chosen, f"Evaluation on {folder_name(locate(dataset))}", remarks
+    if row is None:
+        raise InputError("arguments", "neither a dataset nor --measured", "one of both, or both")
+    if config.experiments is not None and config.experiments != (MEASURED,):
+        raise InputError("--experiments", ", ".join(config.experiments), f"{MEASURED} alone without a dataset")
+    # The default names are of the default radar: of another cube nobody has asked for them.
+    asked = ("full",) if row.radar is not None and config.arrays == DEFAULT_ARRAYS else config.arrays
+    if config.methods is not None:
+        check_methods(config.methods, (*METHODS, *NETWORKS))
+    methods = [name for name in config.methods or () if name not in NETWORKS]
+    arrays, remarks, radar = [], list[str](), row.radar or Radar()
+    for name in asked:
+        try:
+            arrays.append(choose_array(name, radar))
+        except InputError as error:
+            remarks.append(f"left out: {error}")
+    networks, others = fitting_networks(row, config.runs)
+    remarks += [*others, *_of_precision(answer for _, answer in networks)]
+    alone = Measured(with_arrays(row, radar, arrays), methods, networks)
+    return Bench("", radar, (), frozenset(), (), config), [alone], f"Evaluation of {row.path.name}", remarks
 
 
 def open_bench(source: Location | str, config: EvaluationConfig) -> tuple[Bench, dict[str, int]]:
@@ -209,22 +207,6 @@ def open_bench(source: Location | str, config: EvaluationConfig) -> tuple[Bench,
     return Bench(fingerprint.sha256, radar, refs, scenes, contenders, config, scenes=of_data), left_out
 
 
-def _measured_alone(row: MeasuredInput, config: EvaluationConfig) -> tuple[Callable[[], MeasuredRow], list[str]]:
-    """(what looks at a row without a dataset, a line for each array and run that does not fit, and on precision)."""
-    # The default names are of the default radar: of another cube nobody has asked for them.
-    asked = ("full",) if row.radar is not None and config.arrays == DEFAULT_ARRAYS else config.arrays
-    chosen, radar = check_measured_methods(config.methods), row.radar or Radar()
-    arrays, obstacles = [], []
-    for name in asked:
-        try:
-            arrays.append(choose_array(name, radar))
-        except InputError as error:
-            obstacles.append(f"left out: {error}")
-    networks, others = fitting_networks(row, config.runs)
-    obstacles += [*others, *_of_precision(answer for _, answer in networks)]
-    return partial(look_at, with_arrays(row, radar, arrays), chosen, networks), obstacles
-
-
 def _of_precision(answers: Iterable[Answer]) -> list[str]:
     """A line where networks among these are computed in another precision than their runs say."""
     remark = precision_remark(answer.imager.config for answer in answers if isinstance(answer, NetworkAnswer))
@@ -232,34 +214,47 @@ def _of_precision(answers: Iterable[Answer]) -> list[str]:
 
 
 def choose_experiments(
-    names: Sequence[str] | None, bench: Bench, measured: Path | None
+    names: Sequence[str] | None, bench: Bench, measured: Measured | None
 ) -> tuple[list[Experiment], list[str]]:
     """(the experiments that apply, a line for each that does not).
 
     :param names: of :data:`NAMES`; None for all
     :raises InputError: an unknown name, one that does not apply, none, a snapshot that no experiment looks at
     """
-    _check_experiments(names)
-    wanted = [experiment for name, experiment in EXPERIMENTS.items() if names is None or name in names]
-    obstacles = {experiment.name: experiment.obstacle(bench) for experiment in wanted}
-    if names is None or MEASURED in names:
-        obstacles[MEASURED] = None if measured else "no --measured file"
-    for name, obstacle in obstacles.items():
-        if obstacle and names is not None:
+    unknown = [repr(name) for name in names or () if name not in NAMES]
+    if unknown or (names is not None and not names):
+        raise InputError("--experiments", unknown[0] if unknown else "none", f"some of {', '.join(NAMES)}")
+    every: dict[str, Experiment | None] = {**EXPERIMENTS, MEASURED: measured}
+    wanted = {name: every[name] for name in NAMES if names is None or name in names}
+    if measured is not None and MEASURED not in wanted:
+        raise InputError(
+            "--measured", f"{measured.measured.path} without the experiment", f"{MEASURED!r} in --experiments"
+        )
+    chosen, lines = [], []
+    for name, experiment in wanted.items():
+        obstacle = "no --measured file" if experiment is None else experiment.obstacle(bench)
+        if experiment is not None and not obstacle:
+            chosen.append(experiment)
+        elif names is not None:
             raise InputError("--experiments", f"{name}: {obstacle}", "an experiment that applies")
-    if measured is not None and MEASURED not in obstacles:
-        raise InputError("--measured", f"{measured} without the experiment", f"{MEASURED!r} in --experiments")
+        else:
+            lines.append(f"experiment {name} is left out: {obstacle}")
+    return chosen, lines
+
+
+def _introduction(bench: Bench, ran: str) -> str:
+    """:param ran: names of the experiments"""
+    config = bench.config
+    if not bench.frames:
+        return f"No dataset; experiments: {ran}."
+    kinds = [ref.kind for ref in bench.frames]
+    counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+    methods = ", ".join(dict.fromkeys(contender.method for contender in bench.contenders))
+    arrays = ", ".join(array.name for array in bench.arrays)
     return (
-        [experiment for experiment in wanted if not obstacles[experiment.name]],
-        [f"experiment {name} is left out: {obstacle}" for name, obstacle in obstacles.items() if obstacle],
+        f"Radar {bench.radar.name}; test frames: {counts}; methods: {methods}; arrays: {arrays}; {config.trials} "
+        f"simulated trials of a condition; seed {config.seed}; experiments: {ran}."
     )
-
-
-def _check_experiments(names: Sequence[str] | None) -> None:
-    if unknown := [name for name in names or () if name not in NAMES]:
-        raise InputError("--experiments", repr(unknown[0]), f"some of {', '.join(NAMES)}")
-    if names is not None and not names:
-        raise InputError("--experiments", "none", f"some of {', '.join(NAMES)}")
 
 
 def _require_cells(out: Path) -> None:
@@ -285,15 +280,15 @@ def _compute(
     return {task.key: values[place] for place, task in enumerate(tasks)}
 
 
-def _cell(family: str, task: Task) -> Cell:
-    return Cell(family, task.method, task.array, task.condition, task.inputs, code_fingerprint())
+def _cell(family: str, task: Task) -> str:
+    return cell_name(family, *task.key, task.inputs)
 
 
 def _seconds(bench: Bench, store: CellStore, advance: Progress) -> dict[tuple[str, str], float]:
     """Seconds for one image of each contender, one thread: the first test frame, whole."""
     ref = bench.frames[0]
     tasks = [
-        contender_task(bench, contender, ref.condition, bench.data_sha256, partial(_time, contender, ref))
+        task_of(bench, contender, ref.condition, bench.data_sha256, partial(_time, contender, ref))
         for contender in bench.contenders
     ]
     seconds = {}

@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -28,28 +27,14 @@ Values = Mapping[str, NDArray[Any]]
 """Named arrays, numbers among them as arrays without axes."""
 
 
-@dataclass(frozen=True)
-class Cell:
-    """What one result depends on.
+def cell_name(family: str, *identity: str) -> str:
+    """Name of a cell's file.
 
-    :param experiment: name of the experiment
-    :param method: name of the method
-    :param array: name of the array
-    :param condition: what was varied, as text, e.g. "frame=17"
-    :param inputs: fingerprint of data, weights and settings
-    :param code: fingerprint of what computed it
+    :param family: of cells, before the hash
+    :param identity: what one cell depends on: names of method and array, what was varied, a fingerprint of data,
+        weights and settings. That of the code is added.
     """
-
-    experiment: str
-    method: str
-    array: str
-    condition: str
-    inputs: str
-    code: str
-
-    @property
-    def file_name(self) -> str:
-        return f"{self.experiment}-{digest(asdict(self))[:24]}.npz"
+    return f"{family}-{digest([family, *identity, code_fingerprint()])[:24]}.npz"
 
 
 def digest(value: object) -> str:
@@ -85,22 +70,28 @@ class CellStore:
         self._used: set[str] = set()
         directory.mkdir(parents=True, exist_ok=True)
 
-    def finished(self, cell: Cell) -> Values | None:
-        """The cell's arrays if it was finished before.
+    def finished(self, name: str) -> Values | None:
+        """The arrays of a cell if it was finished before.
 
+        :param name: see :func:`cell_name`
         :raises InputError: a file of the folder that is damaged
         """
-        path = self.directory / cell.file_name
+        path = self.directory / name
         again = path.name in self._used
         self._used.add(path.name)
         if not path.is_file():
             return None
         self.kept += not again
-        return _read(path)
+        try:
+            return read_npz(path)
+        except InputError as error:
+            raise InputError(
+                path, f"damaged ({error})", "a finished cell; delete the file to compute it anew"
+            ) from error
 
-    def keep(self, cell: Cell, computed: Values) -> Values:
+    def keep(self, name: str, computed: Values) -> Values:
         """The arrays of a cell that was computed, once they are on disk."""
-        path = self.directory / cell.file_name
+        path = self.directory / name
         values = {name: np.asarray(value) for name, value in computed.items()}
         with atomic(path) as partial, partial.open("wb") as handle:
             np.savez(handle, allow_pickle=False, **values)
@@ -111,10 +102,3 @@ class CellStore:
     def unused(self) -> int:
         """Cells on disk that nothing has asked for: of other methods, settings or data."""
         return sum(path.name not in self._used for path in self.directory.glob("*.npz"))
-
-
-def _read(path: Path) -> Values:
-    try:
-        return read_npz(path)
-    except InputError as error:
-        raise InputError(path, f"damaged ({error})", "a finished cell; delete the file to compute it anew") from error

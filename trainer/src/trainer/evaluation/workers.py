@@ -11,13 +11,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import fields, replace
+from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from shared.physics.errors import InputError
@@ -25,8 +24,9 @@ from shared.processes.machine import usable_cores
 from shared.processes.pool import WorkerPool
 from trainer.errors import TrainingStopped
 from trainer.evaluation.experiments.bench import Bench, Experiment, Task
+from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.store import Values
-from trainer.run.answers import Answer, Images
+from trainer.run.answers import NetworkAnswer
 
 POLL_S = 1.0
 """Longest wait for a cell before the next look."""
@@ -95,12 +95,9 @@ class Workers:
         :raises InputError: of a task
         :raises TrainingStopped: three processes died of a task
         """
-        if self.count == 1:
-            for place in places:
-                yield place, alone(tasks[place])
-            return
-        here = deque(place for place in places if tasks[place].device != "cpu")
-        elsewhere = deque(place for place in places if tasks[place].device == "cpu")
+        ours = {place for place in places if self.count == 1 or tasks[place].device != "cpu"}
+        here = deque(place for place in places if place in ours)
+        elsewhere = deque(place for place in places if place not in ours)
         running = set(elsewhere)
         pool = self._started() if elsewhere else None
         while here or running:
@@ -131,25 +128,15 @@ def _failure_line(experiment: Experiment, task: Task, how: str) -> str:
 
 
 def _without_gpu(bench: Bench) -> Bench:
-    """The bench for processes that compute nothing of a contender on a GPU."""
-    contenders = tuple(c if c.device == "cpu" else replace(c, answer=_elsewhere(c.answer)) for c in bench.contenders)
-    return replace(bench, contenders=contenders)
+    """The bench for processes that compute nothing of a contender on a GPU: its network is a copy off it."""
 
+    def moved(contender: Contender) -> Contender:
+        answer = contender.answer
+        if contender.device == "cpu" or not isinstance(answer, NetworkAnswer):
+            return contender
+        return replace(contender, answer=replace(answer, imager=deepcopy(answer.imager).cpu()))
 
-class _Elsewhere(Answer):
-    """Images nothing here: a contender on a GPU is imaged in the main process."""
-
-    def images(
-        self, range_channel: object, noise_power: object, model_error_db: object = None, world: object = None
-    ) -> Images:
-        raise NotImplementedError(_Elsewhere.__doc__)
-
-    def das(self, range_channel: object) -> NDArray[np.floating]:
-        raise NotImplementedError(_Elsewhere.__doc__)
-
-
-def _elsewhere(answer: Answer) -> Answer:
-    return _Elsewhere(**{field.name: getattr(answer, field.name) for field in fields(Answer)})
+    return replace(bench, contenders=tuple(map(moved, bench.contenders)))
 
 
 def alone(task: Task) -> Values:

@@ -49,15 +49,20 @@ class CellScores:
     truths: int
 
 
-def local_maxima(image: NDArray[np.floating]) -> NDArray[np.intp]:
+def local_maxima(magnitude: NDArray[np.floating]) -> NDArray[np.intp]:
     """[n, 2] (range bin, angle bin) of the positive 3 x 3 maxima of an image [R, U], row by row.
 
     A plateau is one maximum, at the bin next to its mean place. A bin at the image's border needs to exceed only the
     neighbours that it has.
-
-    :raises InputError: no image, or one that is not finite
     """
-    return _maxima(_image("image", image))
+    # The highest along a row first: what reaches that of the three rows around it is the highest of nine.
+    highest = magnitude.copy()
+    np.maximum(highest[:, 1:], magnitude[:, :-1], out=highest[:, 1:])
+    np.maximum(highest[:, :-1], magnitude[:, 1:], out=highest[:, :-1])
+    top = (magnitude == highest) & (magnitude > 0.0)
+    top[1:] &= magnitude[1:] >= highest[:-1]
+    top[:-1] &= magnitude[:-1] >= highest[1:]
+    return _one_of_each_plateau(top)
 
 
 def truth_cells(image: NDArray[np.floating], noise_power: float, channels: int, range_step: float) -> NDArray[np.intp]:
@@ -88,7 +93,7 @@ def visible_cells(image: NDArray[np.floating], noise_power: float, channels: int
         )
     magnitude = _image("truth", image)
     least = np.sqrt(db_to_power(LEAST_SNR_DB) * noise_power / channels)
-    places = _maxima(magnitude)
+    places = local_maxima(magnitude)
     level = magnitude[places[:, 0], places[:, 1]]
     within = level >= db_to_power(-ROW_SPAN_DB / 2.0) * magnitude.max(axis=1, initial=0.0)[places[:, 0]]
     return places[(level > least) & within]
@@ -122,7 +127,7 @@ def score_cells(
     if not true.shape == reading.shape == ranking.shape:
         raise InputError("images", f"shapes {true.shape}, {reading.shape}, {ranking.shape}", "images of one shape")
     cells = truth_cells(true, noise_power, channels, range_step)
-    found = _maxima(ranking)
+    found = local_maxima(ranking)
     rows, bins = found.T
     rank = ranking[rows, bins]
     ceiling = db_to_power(FALSE_ALARM_DB / 2.0) * maximum_filter(true, _AROUND, mode="constant")
@@ -168,18 +173,6 @@ def match_cells(found: NDArray[np.intp], cells: NDArray[np.intp], shape: tuple[i
     for detection in np.flatnonzero(near.max(axis=1, initial=-1) >= 0).tolist():
         matched[detection] = find_room(detection)
     return matched
-
-
-def _maxima(magnitude: NDArray[np.float64]) -> NDArray[np.intp]:
-    """See :func:`local_maxima`."""
-    # The highest along a row first: what reaches that of the three rows around it is the highest of nine.
-    highest = magnitude.copy()
-    np.maximum(highest[:, 1:], magnitude[:, :-1], out=highest[:, 1:])
-    np.maximum(highest[:, :-1], magnitude[:, 1:], out=highest[:, :-1])
-    top = (magnitude == highest) & (magnitude > 0.0)
-    top[1:] &= magnitude[1:] >= highest[:-1]
-    top[:-1] &= magnitude[:-1] >= highest[1:]
-    return _one_of_each_plateau(top)
 
 
 def _one_of_each_plateau(top: NDArray[np.bool_]) -> NDArray[np.intp]:

@@ -6,7 +6,7 @@ whose prominence reaches a threshold; sweeping that threshold gives the paper's 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -29,7 +29,7 @@ D_MAX_BINS = (2, 4)
 
 @dataclass(frozen=True)
 class Counts:
-    """Counts of detections, of one row or summed over many.
+    """Counts of detections of an image.
 
     :param tp: true positives
     :param fp: false positives
@@ -41,38 +41,6 @@ class Counts:
     fp: int = 0
     fn: int = 0
     tn: int = 0
-
-    def __add__(self, other: Counts) -> Counts:
-        return Counts(self.tp + other.tp, self.fp + other.fp, self.fn + other.fn, self.tn + other.tn)
-
-
-@dataclass(frozen=True, eq=False)
-class Peaks:
-    """Peaks of one normalised spectrum.
-
-    :param bins: [N] indices, rising
-    :param prominence: [N] how far each stands out of its surroundings, of the maximum
-    """
-
-    bins: NDArray[np.intp]
-    prominence: NDArray[np.float64]
-
-    def above(self, prominence: float) -> NDArray[np.intp]:
-        """[n] indices of the peaks of at least this prominence: what find_peaks(prominence=...) gives."""
-        return self.bins[self.prominence >= prominence]
-
-
-def find_row_peaks(spectrum: NDArray[np.floating], threshold: float = THRESHOLD) -> Peaks:
-    """Peaks of a spectrum [U] above ``threshold`` of its maximum, with their prominences; none of an empty row.
-
-    The first and the last bin are no peaks, as :func:`scipy.signal.find_peaks` has it.
-    """
-    row = np.asarray(spectrum, dtype=np.float64)
-    top = float(row.max(initial=0.0))
-    if not top > 0.0:
-        return Peaks(np.empty(0, dtype=np.intp), np.empty(0))
-    bins, found = find_peaks(row / top, height=threshold, prominence=0.0)
-    return Peaks(bins, found["prominences"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +70,10 @@ class ImagePeaks:
 
 
 def find_image_peaks(image: NDArray[np.floating], threshold: float = THRESHOLD) -> ImagePeaks:
-    """The peaks of all rows of an image [R, U], those of :func:`find_row_peaks`, in one pass.
+    """The peaks of all rows of an image [R, U] above ``threshold`` of their row's maximum, in one pass.
+
+    Those that :func:`scipy.signal.find_peaks` finds in each row, with their prominences; none of an empty row. The
+    first and the last bin are no peaks.
 
     :raises InputError: no image
     """
@@ -119,9 +90,7 @@ def find_image_peaks(image: NDArray[np.floating], threshold: float = THRESHOLD) 
     return ImagePeaks((rows, columns), places // (columns + 1), places % (columns + 1), found["prominences"])
 
 
-def paper_sweep(
-    detected: ImagePeaks, true: ImagePeaks, prominences: Sequence[float] = PROMINENCES, d_max: int = D_MAX_BINS[0]
-) -> list[Counts]:
+def paper_sweep(detected: ImagePeaks, true: ImagePeaks, prominences: Sequence[float], d_max: int) -> list[Counts]:
     """Counts by the rules of the paper, section IV-C, one for each prominence that a detection needs.
 
     TP: detected peaks at most d_max from a truth; FP: the other detected peaks. One detection may serve several truths,
@@ -156,22 +125,17 @@ def paper_sweep(
     return counts
 
 
-def strict_counts(detected: ImagePeaks, true: ImagePeaks, d_max: float = D_MAX_BINS[0]) -> Counts:
+def strict_counts(detected: ImagePeaks, true: ImagePeaks, d_max: float) -> Counts:
     """One-to-one counts of an image over all its rows, those without a truth too: there every detection is false.
+
+    Each detection serves one truth and each truth one detection, see :func:`match`.
 
     :raises InputError: peaks of images of different shapes
     """
     _same_shape(detected, true)
-    return total(
-        count_one_to_one(found.astype(np.float64), truth.astype(np.float64), d_max)
-        for found, truth in zip(detected.by_row(), true.by_row(), strict=True)
-    )
-
-
-def count_one_to_one(detected: NDArray[np.float64], true: NDArray[np.float64], d_max: float) -> Counts:
-    """TP, FP and FN with each detection serving one truth and each truth one detection, see :func:`match`."""
-    matched = len(match(detected, true, d_max))
-    return Counts(matched, len(detected) - matched, len(true) - matched)
+    rows = zip(detected.by_row(), true.by_row(), strict=True)
+    matched = sum(len(match(found.astype(np.float64), truth.astype(np.float64), d_max)) for found, truth in rows)
+    return Counts(matched, len(detected.bins) - matched, len(true.bins) - matched)
 
 
 def match(detected: NDArray[np.float64], true: NDArray[np.float64], d_max: float) -> NDArray[np.intp]:
@@ -202,11 +166,6 @@ def half_separation(true: NDArray[np.float64]) -> NDArray[np.float64]:
     distance = np.abs(np.subtract.outer(true, true))
     np.fill_diagonal(distance, np.inf)
     return 0.5 * distance.min(axis=1)
-
-
-def total(counts: Iterable[Counts]) -> Counts:
-    """The sum of counts."""
-    return sum(counts, start=Counts())
 
 
 def _same_shape(detected: ImagePeaks, true: ImagePeaks) -> None:

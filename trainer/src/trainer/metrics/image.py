@@ -38,10 +38,10 @@ def nmse_best_scaled(estimate: NDArray[np.floating], truth: NDArray[np.floating]
     return nmse(factor * x, y)
 
 
-def ssim(estimate: NDArray[np.floating], truth: NDArray[np.floating], data_range: float = 1.0) -> float:
-    """Mean structural similarity: 1 for identical images.
+def ssim(estimate: NDArray[np.floating], truth: NDArray[np.floating]) -> float:
+    """Mean structural similarity of images from 0 to 1: 1 for identical ones.
 
-        (2 m_x m_y + c_1) (2 s_xy + c_2) / ((m_x^2 + m_y^2 + c_1) (s_x^2 + s_y^2 + c_2)),   c_i = (K_i range)^2
+        (2 m_x m_y + c_1) (2 s_xy + c_2) / ((m_x^2 + m_y^2 + c_1) (s_x^2 + s_y^2 + c_2)),   c_i = K_i^2
 
     with means, variances and covariance in Gaussian windows, averaged over the pixels whose window lies within the
     image. Wang, Bovik, Sheikh and Simoncelli, IEEE Trans. Image Process. 13(4), 2004. Where both images are empty it
@@ -59,7 +59,7 @@ def ssim(estimate: NDArray[np.floating], truth: NDArray[np.floating], data_range
     mean_x, mean_y = mean(x), mean(y)
     variance = mean(x * x) - mean_x**2 + mean(y * y) - mean_y**2
     covariance = mean(x * y) - mean_x * mean_y
-    c1, c2 = (SSIM_K1 * data_range) ** 2, (SSIM_K2 * data_range) ** 2
+    c1, c2 = SSIM_K1**2, SSIM_K2**2
     likeness = (2.0 * mean_x * mean_y + c1) / (mean_x**2 + mean_y**2 + c1) * (2.0 * covariance + c2) / (variance + c2)
     inner = slice(SSIM_RADIUS, -SSIM_RADIUS)
     return float(likeness[inner, inner].mean())

@@ -77,14 +77,12 @@ class PointSpread:
     """A main lobe, from its peak to the nearest minimum on either side, and what is beside it.
 
     :param u: interpolated angle of the peak
-    :param level: its interpolated magnitude
     :param width: -3 dB width in u; infinite where the lobe reaches the end of the axis
     :param pslr_db: largest magnitude outside the main lobe over the peak [dB], -inf where there is none
     :param islr_db: energy outside the main lobe over that inside [dB], -inf where there is none
     """
 
     u: float
-    level: float
     width: float
     pslr_db: float
     islr_db: float
@@ -121,7 +119,6 @@ def point_spread(spectrum: NDArray[np.floating], u: NDArray[np.floating]) -> Poi
     beside = np.concatenate([power[:first], power[last + 1 :]])
     return PointSpread(
         u=peak,
-        level=top * float(np.sqrt(peak_power)),
         width=width,
         pslr_db=_power_db(float(beside.max(initial=0.0)) / peak_power),
         islr_db=_power_db(float(beside.sum()) / float(power[first : last + 1].sum())),

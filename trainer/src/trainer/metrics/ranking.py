@@ -128,29 +128,23 @@ def pooled(frames: Sequence[CellScores]) -> Ranking:
     return Ranking(truths, frame[order], matched[order], last)
 
 
-def mean_average_precision(rankings: Sequence[Ranking], less: Sequence[Ranking] = (), seed: int = 0) -> Interval:
-    """Mean of the average precisions of several methods on the same frames, less that of others, with its interval.
+def average_precision(ranking: Ranking, less: Ranking | None = None, seed: int = 0) -> Interval:
+    """Average precision of a method, less that of another on the same frames, with its interval.
 
-    The frames are drawn again for all of them together, so that what a hard frame costs all of them is not counted as
-    a difference: the interval of a difference is as a rule much narrower than those of the two numbers.
+    The frames are drawn again for both together, so that what a hard frame costs both is not counted as a difference:
+    the interval of a difference is as a rule much narrower than those of the two numbers.
 
-    :param rankings: one or more, e.g. of networks of other seeds, of the frames in one order
-    :param less: of the same frames, whose mean is taken off; () for none
-    :raises InputError: no ranking, or rankings of other frames
+    :raises InputError: rankings of other frames
     """
-    every = [*rankings, *less]
-    if not rankings or any(not np.array_equal(one.truths, every[0].truths) for one in every):
-        raise InputError("ranking", f"{len(every)} of other frames", "one or more, all of the same frames")
-    if not every[0].defined:
+    if less is None:
+        return ranking.intervals((), seed)[0]
+    if not np.array_equal(ranking.truths, less.truths):
+        raise InputError("ranking", "two of other frames", "two of the same frames")
+    if not ranking.defined:
         return UNDEFINED
-    signs = np.repeat([1.0 / len(rankings), -1.0 / max(len(less), 1)], [len(rankings), len(less)])
-    statistics = [one._of_draws(()) for one in every]
-
-    def of_draws(weights: NDArray[np.int64]) -> NDArray[np.float64]:
-        return signs[None] @ np.concatenate([statistic(weights) for statistic in statistics])
-
-    (ends,) = bootstrap_frames(of_draws, len(every[0].truths), seed)
-    return Interval(float(signs @ [one.average_precision() for one in every]), *ends)
+    of_ranking, of_less = ranking._of_draws(()), less._of_draws(())
+    (ends,) = bootstrap_frames(lambda weights: of_ranking(weights) - of_less(weights), len(less.truths), seed)
+    return Interval(ranking.average_precision() - less.average_precision(), *ends)
 
 
 def _scores(

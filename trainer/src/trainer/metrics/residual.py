@@ -56,7 +56,6 @@ def explain(
     snapshots: NDArray[np.complexfloating],
     array: LineArray,
     noise_power: float,
-    level: float = PEAK_LEVEL,
 ) -> Explanation:
     """How well the peaks of an image [R, U] explain the snapshots [R, C] that it was made from.
 
@@ -76,7 +75,7 @@ def explain(
     rows = np.asarray(snapshots, dtype=np.complex128)
     energies = np.sum(np.abs(rows) ** 2, axis=1)
     present = np.flatnonzero(energies > 0.0)
-    lines = [found[:most] for found in image_lines(np.asarray(image)[present], level)]
+    lines = [found[:most] for found in image_lines(np.asarray(image)[present])]
     noise = np.maximum(noise_power, LEAST_NOISE * energies[present] / array.channels)
     explained = unsupported = 0
     left = 0.0
@@ -93,13 +92,13 @@ def explain(
     return Explanation(len(present), explained, tested, unsupported, energy, left)
 
 
-def image_lines(image: NDArray[np.floating], level: float = PEAK_LEVEL) -> list[NDArray[np.intp]]:
+def image_lines(image: NDArray[np.floating]) -> list[NDArray[np.intp]]:
     """R arrays of the bins of the peaks of an image [R, U], the strongest of a row first.
 
-    Height and prominence of a peak reach ``level`` of the row's maximum.
+    Height and prominence of a peak reach :data:`PEAK_LEVEL` of the row's maximum.
     """
     # The zeros at both ends make peaks of the first and last bin too.
-    peaks = find_image_peaks(np.pad(image, ((0, 0), (1, 1))), level).above(level)
+    peaks = find_image_peaks(np.pad(image, ((0, 0), (1, 1))), PEAK_LEVEL).above(PEAK_LEVEL)
     return [
         bins[np.argsort(row[bins], kind="stable")[::-1]]
         for row, bins in zip(np.asarray(image), (found - 1 for found in peaks.by_row()), strict=True)

@@ -14,7 +14,7 @@ from torch.nn import functional
 from torch.utils.data import DataLoader, Dataset, Subset
 
 from shared.radar import Radar
-from shared.signal.steering import manifold
+from shared.signal.signal import manifold
 from trainer.run.configuration import FitConfig
 from trainer.training.task import Batch, ImagingTask
 

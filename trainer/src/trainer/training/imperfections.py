@@ -39,7 +39,7 @@ from jaxtyping import Complex128, Float, Float64, Int
 
 from shared.physics.units import db_to_power
 from shared.radar import Radar
-from shared.signal.steering import manifold
+from shared.signal.signal import manifold
 from shared.signal.windows import cell_noise_power, hann
 from trainer.run.configuration import Imperfections
 from trainer.training.online_points import hann_response

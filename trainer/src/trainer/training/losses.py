@@ -53,8 +53,8 @@ def frame_losses(
     config: FitConfig,
     answer: torch.Tensor,
     target: torch.Tensor,
-    known: torch.Tensor | None = None,
-    spots: torch.Tensor | None = None,
+    known: torch.Tensor,
+    spots: torch.Tensor | None,
 ) -> torch.Tensor:
     """[B] loss of each frame, a mean over its known pixels.
 
@@ -65,7 +65,7 @@ def frame_losses(
     :param answer: [B, 1 or 2, R, U]
     :param target: [B, R, U]
     :param spots: [B, R, U] where targets are, for a network that detects (:mod:`trainer.training.losses`)
-    :param known: [B, 1, U] 1 where the truth is known, 0 where an augmented frame has none; all known by default
+    :param known: [B, 1, U] 1 where the truth is known, 0 where an augmented frame has none
     """
     answer = answer.float()
     full = config.beta if config.target == "paper" else 1.0
@@ -78,6 +78,4 @@ def frame_losses(
         loss = loss + config.detection * functional.binary_cross_entropy_with_logits(
             answer[:, 1], spots, reduction="none"
         )
-    if known is None:
-        return loss.mean(dim=(-2, -1))
     return (loss * known).sum(dim=(-2, -1)) / (known.sum(dim=(-2, -1)) * loss.shape[-2])

@@ -17,6 +17,7 @@ from shared.signal.adaptive import scanned_angles
 from trainer.data.arrays import ArrayChoice
 from trainer.data.motion import known_world
 from trainer.errors import TrainingStopped
+from trainer.metrics.image import nmse_best_scaled
 from trainer.run.configuration import FitConfig
 from trainer.run.imager import Imager, lay_out
 from trainer.run.targets import decode, encode
@@ -85,7 +86,8 @@ class ImagingTask(LightningModule):
         energy = truth.square().sum(dim=(-2, -1))
         self._projections += ((estimate * truth).sum(dim=(-2, -1)) / energy).tolist()
         self._energies += (estimate.square().sum(dim=(-2, -1)) / energy).tolist()
-        das = normalised_error(best_scaled(self.imager.das(range_channel)[shown], truth), truth).mean()
+        pairs = zip(self.imager.das(range_channel)[shown].cpu().numpy(), truth.cpu().numpy(), strict=True)
+        das = float(np.mean([nmse_best_scaled(plain, true) for plain, true in pairs]))
         self.log("das_nmse", das, batch_size=len(truth), sync_dist=True)
 
     def on_validation_epoch_start(self) -> None:
@@ -254,15 +256,3 @@ class ImagingTask(LightningModule):
                 f"loss is not finite for frame {frames} at batch {self.batches_seen}; the weights are unchanged: look "
                 "at that frame, or lower the learning rate"
             )
-
-
-def best_scaled(estimate: torch.Tensor, image: torch.Tensor) -> torch.Tensor:
-    """``estimate`` [B, R, U] times the factor that brings each frame nearest to ``image`` in the square."""
-    unit = estimate / estimate.amax(dim=(-2, -1), keepdim=True).clamp_min(1e-30)
-    energy = unit.square().sum(dim=(-2, -1), keepdim=True).clamp_min(1e-30)
-    return unit * ((unit * image).sum(dim=(-2, -1), keepdim=True) / energy)
-
-
-def normalised_error(estimate: torch.Tensor, image: torch.Tensor) -> torch.Tensor:
-    """[B] squared error over the squared truth; 1 for an all-zero estimate."""
-    return (estimate - image).square().sum(dim=(-2, -1)) / image.square().sum(dim=(-2, -1))

@@ -36,7 +36,7 @@ from trainer.estimators.base import ESTIMATORS
 from trainer.metrics.bootstrap import Interval, bootstrap_mean
 from trainer.metrics.cells import CellScores, score_cells
 from trainer.metrics.image import nmse, nmse_best_scaled
-from trainer.metrics.ranking import mean_average_precision, pooled
+from trainer.metrics.ranking import average_precision, pooled
 from trainer.run.answers import Answer, array_answer, network_answer
 from trainer.run.folder import Run, load_imager, read_run, same_radar
 from trainer.run.imager import Imager
@@ -177,7 +177,7 @@ def judge(
     rankings = {name: found for name, scored in cells.items() if (found := pooled(scored)).defined}
     others = [name for name in answers if name != NETWORK]
     of_frames = {name: bootstrap_mean(error[NETWORK] - error[name]) for name in others if NETWORK in error}
-    of_rankings = {name: mean_average_precision([rankings[NETWORK]], [rankings[name]]) for name in others if rankings}
+    of_rankings = {name: average_precision(rankings[NETWORK], rankings[name]) for name in others if rankings}
     verdict = Verdict(
         frames=len(errors),
         empty_frames=len(cells[TRUTH]) - len(errors),

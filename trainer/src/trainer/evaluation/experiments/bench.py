@@ -21,7 +21,7 @@ from shared.processes.defaults import LARGEST_SEED
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.report.tables import Condition, MetricRow, SummaryColumn
+from trainer.evaluation.report.tables import TRUTH, Condition, MetricRow, SummaryColumn
 from trainer.evaluation.store import Values, digest
 from trainer.metrics.bootstrap import Interval, bootstrap_mean, bootstrap_ratio, wilson
 from trainer.run.folder import SceneRecord
@@ -128,29 +128,80 @@ class Task:
         return self.method, self.array, self.condition
 
 
-def contender_task(
-    bench: Bench, contender: Contender, condition: str, inputs: object, compute: Callable[[], Values]
+def task_of(
+    bench: Bench,
+    contender: Contender | None,
+    condition: str,
+    inputs: object,
+    compute: Callable[[], Values],
+    array: str = "",
 ) -> Task:
-    """A task of one contender, whose cell depends on the contender, the radar and ``inputs``, of plain JSON types."""
+    """A task whose cell depends on the radar, the contender and ``inputs``, of plain JSON types.
+
+    :param contender: None for what belongs to none, the truth
+    :param array: of the truth's task, if it belongs to one
+    """
     radar = bench.radar.model_dump(mode="json")
-    fingerprint = digest([contender.inputs, radar, inputs])
-    return Task(contender.method, contender.array.name, condition, fingerprint, compute, contender.device)
-
-
-def radar_task(
-    bench: Bench, method: str, condition: str, inputs: object, compute: Callable[[], Values], array: str = ""
-) -> Task:
-    """A task that belongs to no contender, and as a rule to no array, such as the truth of a simulated scene."""
-    return Task(method, array, condition, digest([bench.radar.model_dump(mode="json"), inputs]), compute)
+    if contender is None:
+        return Task(TRUTH, array, condition, digest([radar, inputs]), compute)
+    return Task(*contender.key, condition, digest([contender.inputs, radar, inputs]), compute, contender.device)
 
 
 Results = Mapping[tuple[str, str, str], Values]
 """The filled cells of one experiment by (method, array, condition)."""
 
 
-def cell_of(results: Results, contender: Contender, condition: str) -> Values:
-    """The cell of a contender."""
-    return results[contender.method, contender.array.name, condition]
+class Numbers:
+    """The rows of the metrics table that an experiment finds.
+
+    :param experiment: its name
+    :param seed: of the bootstrap
+    :ivar rows: in the order in which they were found
+    """
+
+    def __init__(self, experiment: str, seed: int) -> None:
+        self.rows: list[MetricRow] = []
+        self._experiment, self._seed = experiment, seed
+
+    def add(self, key: tuple[str, str], metric: str, condition: Condition, found: Interval, samples: int = 1) -> None:
+        """A number whose interval is known.
+
+        :param key: (method, array)
+        :param samples: what it is a mean of
+        """
+        value, low, high = found.value, found.low, found.high
+        self.rows.append(MetricRow(self._experiment, *key, metric, condition, value, low, high, samples))
+
+    def mean(self, contender: Contender, metric: str, condition: Condition, samples: ArrayLike) -> None:
+        """The mean of samples with its bootstrap interval.
+
+        Samples that are not finite (a metric that is not defined) do not count; the row says how many did.
+        """
+        values = np.asarray(samples, dtype=np.float64)
+        values = values[np.isfinite(values)]
+        found = bootstrap_mean(values, self._seed) if len(values) else UNDEFINED
+        self.add(contender.key, metric, condition, found, len(values))
+
+    def ratio(
+        self, contender: Contender, metric: str, condition: Condition, parts: ArrayLike, wholes: ArrayLike
+    ) -> None:
+        """A ratio of sums over frames with its bootstrap interval over the frames; NaN where the whole is nothing."""
+        part, whole = np.asarray(parts, dtype=np.float64), np.asarray(wholes, dtype=np.float64)
+        found = bootstrap_ratio(part, whole, self._seed) if whole.sum() > 0 else UNDEFINED
+        self.add(contender.key, metric, condition, found, len(whole))
+
+    def share(self, contender: Contender, metric: str, condition: Condition, successes: ArrayLike) -> None:
+        """A share of trials with its Wilson interval, which keeps a width where all trials end alike."""
+        outcomes = np.asarray(successes, dtype=bool)
+        self.add(contender.key, metric, condition, wilson(int(outcomes.sum()), len(outcomes)), len(outcomes))
+
+
+UNDEFINED = Interval(math.nan, math.nan, math.nan)
+
+
+def known(value: float) -> Interval:
+    """Of a number that is not estimated."""
+    return Interval(value, value, value)
 
 
 class Experiment(ABC):
@@ -181,11 +232,24 @@ class Experiment(ABC):
 
     def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
         """The numbers."""
-        return []
+        found = Numbers(self.name, bench.config.seed)
+        self.count(bench, results, found)
+        return found.rows
 
     @abstractmethod
-    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
-        """The figures by the name of their files."""
+    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
+        """Put the numbers into ``found``."""
+
+    @abstractmethod
+    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
+        """The figures by the name of their files.
+
+        :param rows: of :meth:`rows`
+        """
+
+    def texts(self) -> dict[str, str]:
+        """What is written beside the figures, by the name of its file."""
+        return {}
 
 
 class Simulated(Experiment):
@@ -218,68 +282,7 @@ class Simulated(Experiment):
             return self.score(bench, contender, place, kept(place))
 
         return [
-            contender_task(bench, contender, condition, self.inputs(bench), partial(cell, contender, place))
+            task_of(bench, contender, condition, self.inputs(bench), partial(cell, contender, place))
             for place, condition in enumerate(self.conditions(bench))
             for contender in self.entrants(bench)
         ]
-
-
-def mean_row(
-    bench: Bench, experiment: str, contender: Contender, metric: str, condition: Condition, samples: ArrayLike
-) -> MetricRow:
-    """A row of the mean of samples with its bootstrap interval.
-
-    Samples that are not finite (a metric that is not defined) do not count; the row says how many did.
-    """
-    values = np.asarray(samples, dtype=np.float64)
-    values = values[np.isfinite(values)]
-    found = bootstrap_mean(values, bench.config.seed) if len(values) else UNDEFINED
-    return _row(experiment, contender, metric, condition, found, len(values))
-
-
-def ratio_row(
-    bench: Bench,
-    experiment: str,
-    contender: Contender,
-    metric: str,
-    condition: Condition,
-    parts: ArrayLike,
-    wholes: ArrayLike,
-) -> MetricRow:
-    """A row of a ratio of sums over frames with its bootstrap interval over the frames; NaN where the whole is
-    nothing."""
-    part, whole = np.asarray(parts, dtype=np.float64), np.asarray(wholes, dtype=np.float64)
-    found = bootstrap_ratio(part, whole, bench.config.seed) if whole.sum() > 0 else UNDEFINED
-    return _row(experiment, contender, metric, condition, found, len(whole))
-
-
-def share_row(
-    experiment: str, contender: Contender, metric: str, condition: Condition, successes: ArrayLike
-) -> MetricRow:
-    """A row of a share of trials with its Wilson interval, which keeps a width where all trials end alike."""
-    outcomes = np.asarray(successes, dtype=bool)
-    return _row(experiment, contender, metric, condition, wilson(int(outcomes.sum()), len(outcomes)), len(outcomes))
-
-
-def single_row(experiment: str, contender: Contender, metric: str, condition: Condition, value: float) -> MetricRow:
-    """A row of a number that is known, not estimated."""
-    return _row(experiment, contender, metric, condition, Interval(value, value, value), 1)
-
-
-UNDEFINED = Interval(math.nan, math.nan, math.nan)
-
-
-def _row(
-    experiment: str, contender: Contender, metric: str, condition: Condition, found: Interval, samples: int
-) -> MetricRow:
-    return MetricRow(
-        experiment,
-        contender.method,
-        contender.array.name,
-        metric,
-        condition,
-        found.value,
-        found.low,
-        found.high,
-        samples,
-    )

@@ -19,7 +19,6 @@ from trainer.data.arrays import ArrayChoice
 from trainer.data.simulation import Trials
 from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.fitting import fit_lines, score_peaks
-from trainer.evaluation.report.figures import Look
 from trainer.evaluation.store import digest
 from trainer.run.answers import Answer, array_answer, network_answer
 from trainer.run.detections import CANDIDATES
@@ -61,8 +60,13 @@ class Contender:
         return self.answer.array
 
     @property
+    def key(self) -> tuple[str, str]:
+        """(method, array), which tells it apart."""
+        return self.method, self.array.name
+
+    @property
     def name(self) -> str:
-        return f"{self.method} {self.array.name}"
+        return " ".join(self.key)
 
     def image_trials(self, trials: Trials) -> NDArray[np.float64]:
         """[T, U] the image rows of all trials."""
@@ -88,21 +92,13 @@ class Contender:
         return np.concatenate(found)
 
 
-def look_of(contenders: Sequence[Contender]) -> Look:
-    """Colours and lines of these."""
-    return Look([one.method for one in contenders], [one.array.name for one in contenders])
-
-
-def check_methods(names: Sequence[str]) -> None:
+def check_methods(names: Sequence[str], known: Sequence[str] = (*ESTIMATORS, *NETWORKS)) -> None:
     """Refuse names that stand for no method.
 
     :raises InputError: none, one that does not exist, one twice
     """
-    known = ", ".join([*ESTIMATORS, *NETWORKS])
-    if not names:
-        raise InputError("--methods", "none", f"some of {known}")
-    if unknown := [name for name in names if name not in (*ESTIMATORS, *NETWORKS)]:
-        raise InputError("--methods", repr(unknown[0]), f"some of {known}")
+    if unknown := [repr(name) for name in names if name not in known] if names else ["none"]:
+        raise InputError("--methods", unknown[0], f"some of {', '.join(known)}")
     if twice := [name for index, name in enumerate(names) if name in names[:index]]:
         raise InputError("--methods", f"{twice[0]!r} twice", "every method once")
 

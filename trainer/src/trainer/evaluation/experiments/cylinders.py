@@ -21,16 +21,7 @@ from shared.radar import Radar
 from shared.signal import target_amplitudes
 from shared.signal.windows import cell_noise_power
 from trainer.data.simulation import close_up, in_plane, out_of_sight, resolution_cell, snapshot, truth_image
-from trainer.evaluation.experiments.bench import (
-    Bench,
-    Results,
-    Simulated,
-    Task,
-    cell_of,
-    mean_row,
-    radar_task,
-    share_row,
-)
+from trainer.evaluation.experiments.bench import Bench, Numbers, Results, Simulated, Task, task_of
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.figures import image_panels
 from trainer.evaluation.report.page import REPORT_SPAN_DB, own_levels
@@ -94,7 +85,7 @@ class Cylinders(Simulated):
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
         shown = self.conditions(bench)[self.shown]
-        return [*super().tasks(bench), radar_task(bench, TRUTH, shown, self.inputs(bench), partial(self._truth, bench))]
+        return [*super().tasks(bench), task_of(bench, None, shown, self.inputs(bench), partial(self._truth, bench))]
 
     def _truth(self, bench: Bench) -> Values:
         rows, _ = close_up(bench.radar, RANGE_M)
@@ -103,16 +94,16 @@ class Cylinders(Simulated):
     def cuts(self, bench: Bench, results: Results, contender: Contender) -> NDArray[np.float64]:
         """[scenes, U] the range bin of the cylinders."""
         middle = close_up(bench.radar, RANGE_M)[1]
-        images = [cell_of(results, contender, condition)["image"] for condition in self.conditions(bench)]
+        images = [results[*contender.key, condition]["image"] for condition in self.conditions(bench)]
         return np.stack([image[middle] for image in images]).astype(np.float64)
 
-    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
         shown = self.conditions(bench)[self.shown]
-        levels = {(c.method, c.array.name): own_levels(cell_of(results, c, shown)["image"]) for c in bench.contenders}
+        levels = {c.key: own_levels(results[*c.key, shown]["image"]) for c in bench.contenders}
         truth, first = own_levels(results[TRUTH, "", shown]["image"]), int(close_up(bench.radar, RANGE_M)[0][0])
         marks = [(RANGE_M, float(u)) for u in self.places(bench.radar)]
-        notes = self.notes(self.rows(bench, results))
-        return {self.name: image_panels(levels, truth, bench.radar, first, self.title, marks, self.reach, notes)}
+        drawn = image_panels(levels, truth, bench.radar, first, self.title, marks, self.reach, self.notes(rows))
+        return {self.name: drawn}
 
 
 class PointSpread(Cylinders):
@@ -136,8 +127,8 @@ class PointSpread(Cylinders):
     def places(self, radar: Radar) -> NDArray[np.float64]:
         return np.array([SHOWN_U])
 
-    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
-        found, grid, condition = [], bench.radar.grid, {"range": f"{RANGE_M:g} m"}
+    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
+        grid, condition = bench.radar.grid, {"range": f"{RANGE_M:g} m"}
         for contender in bench.contenders:
             spreads = [point_spread(cut, grid.u) for cut in self.cuts(bench, results, contender)]
             found_ones = [(s, u) for s, u in zip(spreads, ANGLES, strict=True) if s is not None]
@@ -147,8 +138,7 @@ class PointSpread(Cylinders):
                 "integrated sidelobes [dB]": [max(s.islr_db, -REPORT_SPAN_DB) for s, _ in found_ones],
                 "angle error [bins]": [abs(s.u - u) / grid.step for s, u in found_ones],
             }.items():
-                found.append(mean_row(bench, self.name, contender, metric, condition, values))
-        return found
+                found.mean(contender, metric, condition, values)
 
     def notes(self, rows: Sequence[MetricRow]) -> Notes:
         numbers = {(row.method, row.array, row.metric): row.value for row in rows}
@@ -183,14 +173,13 @@ class Reflectors(Cylinders):
     def places(self, radar: Radar) -> NDArray[np.float64]:
         return CENTRE_U + resolution_cell(radar) * np.array([-0.5, 0.5])
 
-    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
-        found, u = [], bench.radar.grid.u
+    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
+        u = bench.radar.grid.u
         condition = {"range": f"{RANGE_M:g} m", "separation": "1 RL"}
         for contender in bench.contenders:
             cuts = self.cuts(bench, results, contender)
             both = resolved(strongest_peaks(cuts, u, 2), np.tile(self.places(bench.radar), (len(cuts), 1)))
-            found.append(share_row(self.name, contender, "probability of resolution", condition, both))
-        return found
+            found.share(contender, "probability of resolution", condition, both)
 
     def notes(self, rows: Sequence[MetricRow]) -> Notes:
         return {(row.method, row.array): f"resolved: {100.0 * row.value:.0f} %" for row in rows}

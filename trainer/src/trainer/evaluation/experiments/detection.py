@@ -11,13 +11,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from shared.physics.errors import figure_text
-from trainer.evaluation.experiments.bench import Bench, FrameRef, Results, mean_row, ratio_row
-from trainer.evaluation.experiments.contenders import Contender, look_of
+from trainer.evaluation.experiments.bench import Bench, FrameRef, Numbers, Results
+from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import RESIDUAL, OfFrames, gathered, ranking
-from trainer.evaluation.report.figures import TRUTH_COLOUR, counted, label_ends, legend_below, new_figure, subplots
+from trainer.evaluation.report.figures import TRUTH_COLOUR, Look, counted, label_ends, legend_below, panels
 from trainer.evaluation.report.tables import AVERAGE_PRECISION, TRUTH, Condition, MetricRow, SummaryColumn
 from trainer.metrics.detection import D_MAX_BINS, PROMINENCES
-from trainer.metrics.ranking import mean_average_precision
+from trainer.metrics.ranking import average_precision
 
 DETECTION_PROBABILITY = "detection probability"
 OVER_NEXT = "average precision less that of the best other method"
@@ -34,63 +34,53 @@ def at_false_alarms(count: int) -> dict[str, object]:
     return {"false alarms": f"{count} a frame"}
 
 
-def ranking_rows(
+def count_ranking(
     bench: Bench,
-    experiment: str,
     results: Results,
-    method: str,
-    array: str,
+    key: tuple[str, str],
     refs: Sequence[FrameRef],
     condition: Condition,
-) -> list[MetricRow]:
-    """Average precision and detection probabilities of a method, or of the truth itself, over frames."""
+    found: Numbers,
+) -> None:
+    """Average precision and detection probabilities of a (method, array), or of the truth itself, over frames."""
     metrics = [(AVERAGE_PRECISION, condition)]
     metrics += [(DETECTION_PROBABILITY, {**condition, **at_false_alarms(count)}) for count in FALSE_ALARMS]
-    found = ranking(results, method, array, refs).intervals(FALSE_ALARMS, bench.config.seed)
-    return [
-        MetricRow(experiment, method, array, metric, of, one.value, one.low, one.high, len(refs))
-        for (metric, of), one in zip(metrics, found, strict=True)
-    ]
+    intervals = ranking(results, key, refs).intervals(FALSE_ALARMS, bench.config.seed)
+    for (metric, of), one in zip(metrics, intervals, strict=True):
+        found.add(key, metric, of, one, len(refs))
 
 
-def gain_rows(bench: Bench, experiment: str, results: Results, refs: Sequence[FrameRef]) -> list[MetricRow]:
+def count_gains(bench: Bench, results: Results, refs: Sequence[FrameRef], found: Numbers) -> None:
     """What each network's average precision has over the best of the other methods of its array, on the same frames.
 
-    Frames are drawn for both at once (:func:`trainer.metrics.ranking.mean_average_precision`). The condition names the
+    Frames are drawn for both at once (:func:`trainer.metrics.ranking.average_precision`). The condition names the
     other method.
     """
-    found = []
     for array in bench.arrays:
         contenders = [contender for contender in bench.contenders if contender.array.name == array.name]
-        rankings = {one.method: ranking(results, one.method, array.name, refs) for one in contenders}
+        rankings = {one.method: ranking(results, one.key, refs) for one in contenders}
         precision = {method: one.average_precision() for method, one in rankings.items()}
         for network in contenders:
             others = [method for method in precision if method != network.method]
             if not network.parameters or not others:
                 continue
             best = max(others, key=precision.__getitem__)
-            gain = mean_average_precision([rankings[network.method]], [rankings[best]], bench.config.seed)
-            found.append(
-                MetricRow(
-                    experiment, network.method, array.name, OVER_NEXT, {"over": best},
-                    gain.value, gain.low, gain.high, len(refs),
-                )
-            )  # fmt: skip
-    return found
+            gain = average_precision(rankings[network.method], rankings[best], bench.config.seed)
+            found.add(network.key, OVER_NEXT, {"over": best}, gain, len(refs))
 
 
 def ranking_figure(bench: Bench, results: Results, refs: Sequence[FrameRef]) -> Figure:
     """Detection probability over false alarms a frame, a panel for each array."""
-    look = look_of(bench.contenders)
-    figure = new_figure(4.4 * len(look.arrays) + 0.6, 4.6, f"{TITLE}: {counted(len(refs), 'frame')}")
-    axes = subplots(figure, 1, len(look.arrays), sharey=True)[0]
+    look = Look(one.key for one in bench.contenders)
+    size, title = (4.4 * len(look.arrays) + 0.6, 4.6), f"{TITLE}: {counted(len(refs), 'frame')}"
+    figure, (axes,) = panels(1, len(look.arrays), size, title, sharey=True)
     least, most = SHOWN_FALSE_ALARMS
     places = np.geomspace(least, most, 241)
     for axis, array in zip(axes, look.arrays, strict=True):
         methods = [contender.method for contender in bench.contenders if contender.array.name == array]
         ends = []
         for method in (*methods, TRUTH):
-            false, detected = ranking(results, method, array, refs).curve()
+            false, detected = ranking(results, (method, array), refs).curve()
             down_to = np.searchsorted(false, places, side="right")
             shown = np.concatenate([[0.0], detected])[down_to]
             colour = TRUTH_COLOUR if method == TRUTH else look.colour(method)
@@ -149,9 +139,8 @@ class Detection(OfFrames):
     )
     summary = SUMMARY
 
-    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
+    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         refs = self.refs(bench)
-        found = []
         for contender in bench.contenders:
             counts = gathered(results, contender, refs, "paper")  # (frames, d_max, prominence, 4)
             for (metric, (part, whole)), (d, d_max), (p, prominence) in product(
@@ -159,24 +148,20 @@ class Detection(OfFrames):
             ):
                 condition = {"d_max": f"{d_max} bins", "prominence": f"{prominence:g}"}
                 parts, wholes = counts[:, d, p, part], counts[:, d, p, list(whole)].sum(axis=-1)
-                found.append(ratio_row(bench, self.name, contender, metric, condition, parts, wholes))
-            found += strict_rows(bench, self.name, results, contender, refs, {})
+                found.ratio(contender, metric, condition, parts, wholes)
+            count_frames(bench, results, contender, refs, {}, found)
         for array in bench.arrays:
-            found += ranking_rows(bench, self.name, results, TRUTH, array.name, refs, {})
-        return found + gain_rows(bench, self.name, results, refs)
+            count_ranking(bench, results, (TRUTH, array.name), refs, {}, found)
+        count_gains(bench, results, refs, found)
 
-    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
         refs = self.refs(bench)
-        look = look_of(bench.contenders)
-        figure = new_figure(11.0, 6.4, f"{self.title}: {counted(len(refs), 'frame')}")
-        axes = subplots(figure, len(D_MAX_BINS), len(RATES), sharex=True, sharey="col")
+        look = Look(one.key for one in bench.contenders)
+        title = f"{self.title}: {counted(len(refs), 'frame')}"
+        figure, axes = panels(len(D_MAX_BINS), len(RATES), (11.0, 6.4), title, sharex=True, sharey="col")
         for contender in bench.contenders:
             counts = gathered(results, contender, refs, "paper").sum(axis=0)
-            style = {
-                "color": look.colour(contender.method),
-                "ls": look.line(contender.array.name),
-                "lw": 1.3,
-            }
+            style = {"color": look.colour(contender.method), "ls": look.line(contender.array.name), "lw": 1.3}
             for line in range(len(D_MAX_BINS)):
                 for column, (part, whole) in enumerate(RATES.values()):
                     rate = _ratio(counts[line, :, part], counts[line][:, list(whole)].sum(axis=-1))
@@ -193,38 +178,27 @@ class Detection(OfFrames):
         return {"detection-probability": ranking_figure(bench, results, refs), self.name: figure}
 
 
-def strict_rows(
-    bench: Bench,
-    experiment: str,
-    results: Results,
-    contender: Contender,
-    refs: Sequence[FrameRef],
-    condition: Condition,
-) -> list[MetricRow]:
+def count_frames(
+    bench: Bench, results: Results, contender: Contender, refs: Sequence[FrameRef], condition: Condition, found: Numbers
+) -> None:
     """Average precision, one-to-one scores and image errors over frames."""
-    found = ranking_rows(bench, experiment, results, contender.method, contender.array.name, refs, condition)
+    count_ranking(bench, results, contender.key, refs, condition, found)
     strict = gathered(results, contender, refs, "strict")  # (frames, d_max, 3)
     for d, d_max in enumerate(D_MAX_BINS):
         tp, fp, fn = np.moveaxis(strict[:, d], -1, 0)
         of = {**condition, "d_max": f"{d_max} bins"}
-        for metric, parts, wholes in (
-            (RECALL, tp, tp + fn),
-            (PRECISION, tp, tp + fp),
-            (F1, 2 * tp, 2 * tp + fp + fn),
-        ):
-            found.append(ratio_row(bench, experiment, contender, metric, of, parts, wholes))
+        found.ratio(contender, RECALL, of, tp, tp + fn)
+        found.ratio(contender, PRECISION, of, tp, tp + fp)
+        found.ratio(contender, F1, of, 2 * tp, 2 * tp + fp + fn)
     residual = dict(zip(RESIDUAL, np.moveaxis(gathered(results, contender, refs, "residual"), -1, 0), strict=True))
     for metric, part, whole in (
         (UNSUPPORTED, "unsupported", "lines"),
         ("range bins explained to the noise", "explained_rows", "rows"),
         ("energy that the peaks leave", "left", "energy"),
     ):
-        found.append(ratio_row(bench, experiment, contender, metric, condition, residual[part], residual[whole]))
+        found.ratio(contender, metric, condition, residual[part], residual[whole])
     for metric, name in IMAGE_METRICS.items():
-        found.append(
-            mean_row(bench, experiment, contender, metric, condition, gathered(results, contender, refs, name))
-        )
-    return found
+        found.mean(contender, metric, condition, gathered(results, contender, refs, name))
 
 
 def _ratio(part: NDArray[np.float64], whole: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -19,24 +19,16 @@ from shared.dataset.reading import read_frame
 from shared.physics.errors import figure_text
 from shared.pictures import COLOUR_MAP, SPAN_DB, hold_peaks, level_db, range_weighted, range_weighted_db
 from shared.radar import Radar
-from trainer.evaluation.experiments.bench import (
-    Bench,
-    Experiment,
-    FrameRef,
-    Results,
-    Task,
-    contender_task,
-    mean_row,
-    ratio_row,
-)
+from shared.signal.ego_motion import folded
+from trainer.evaluation.experiments.bench import Bench, Experiment, FrameRef, Numbers, Results, Task, task_of
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import load_frame
 from trainer.evaluation.experiments.street import true_magnitude
-from trainer.evaluation.report.figures import PANEL_PIXELS, colour_bar, draw_image, new_figure, subplots
+from trainer.evaluation.report.figures import PANEL_PIXELS, colour_bar, draw_image, panels
 from trainer.evaluation.report.page import doppler_map
 from trainer.evaluation.report.tables import MetricRow
 from trainer.evaluation.store import Values
-from trainer.metrics.detection import find_row_peaks
+from trainer.metrics.detection import find_image_peaks
 from trainer.run.targets import PROBABILITY
 
 MOST_FRAMES = 8
@@ -71,32 +63,25 @@ class Doppler(Experiment):
             for contender in bench.contenders:
                 keep = ref == frames[0] and contender is shown
                 work = partial(_score, bench.radar, contender, ref, keep)
-                tasks.append(
-                    contender_task(bench, contender, ref.condition, [bench.data_sha256, ref.frame_id, keep], work)
-                )
+                tasks.append(task_of(bench, contender, ref.condition, [bench.data_sha256, ref.frame_id, keep], work))
         return tasks
 
-    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
-        found, frames = [], moving_frames(bench)
+    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
+        frames = moving_frames(bench)
         for contender in bench.contenders:
-            counts = np.stack(
-                [results[contender.method, contender.array.name, ref.condition]["found"] for ref in frames]
-            )
+            counts = np.stack([results[*contender.key, ref.condition]["found"] for ref in frames])
             for index, place in enumerate(PLACES):
-                total = counts[:, index, 0]
+                total, condition = counts[:, index, 0], {"target": place}
                 for column, peaks in ((1, "the strongest Doppler peak alone"), (2, "all Doppler peaks")):
-                    found.append(
-                        ratio_row(bench, self.name, contender, f"targets found by {peaks}", {"target": place},
-                                  counts[:, index, column], total)
-                    )  # fmt: skip
+                    found.ratio(contender, f"targets found by {peaks}", condition, counts[:, index, column], total)
         rows = [float(np.any(f.velocity[1:] != f.velocity[0], axis=0).sum()) for f in map(load_frame, frames)]
         # The number is a property of the data, the same for all contenders; the first one's row holds it.
-        found.append(mean_row(bench, self.name, bench.contenders[0], "range bins with a second peak", {}, rows))
-        return found
+        found.mean(bench.contenders[0], "range bins with a second peak", {}, rows)
 
-    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
         contender, ref = shown_contender(bench), moving_frames(bench)[0]
-        images = results[contender.method, contender.array.name, ref.condition]["images"].astype(np.float64)
+        cell = results[*contender.key, ref.condition]
+        images = cell["images"].astype(np.float64)
         frame, radar = read_frame(ref.path, ref.row), bench.radar
         shown = (
             images if contender.answer.unit == PROBABILITY else np.stack([range_weighted(image) for image in images])
@@ -105,20 +90,20 @@ class Doppler(Experiment):
         shown[1:][frame.velocity[1:] == frame.velocity[0]] = 0.0
         reference = float(shown.max())
         title = f"{self.title}: {figure_text(ref.scene)}, frame {ref.frame_id}, {figure_text(contender.name)}"
-        found = results[contender.method, contender.array.name, ref.condition]["found"][1]
+        found = cell["found"][1]
         if found[0]:
             title += f": of {found[0]:.0f} targets in a weaker peak "
             title += f"{found[1]:.0f} found by the strongest alone, {found[2]:.0f} by all"
-        figure = new_figure(2.2 * (len(images) + 3) + 1.5, 4.4, title)
-        axes = subplots(figure, 1, len(images) + 3, width_ratios=[1.4, *[1.0] * (len(images) + 2)])
+        ratios = [1.4, *[1.0] * (len(images) + 2)]
+        figure, axes = panels(1, len(ratios), (2.2 * len(ratios) + 1.5, 4.4), title, width_ratios=ratios)
         _draw_range_doppler(axes[0, 0], frame, radar)
         names = ["strongest peak", "second peak", "third peak", *(f"peak {n}" for n in range(4, len(images) + 1))]
-        panels = [*zip(names, (level_db(image, reference) for image in shown), strict=False)]
-        panels.append(("maximum of all", level_db(shown.max(axis=0), reference)))
+        pictures = [*zip(names, (level_db(image, reference) for image in shown), strict=False)]
+        pictures.append(("maximum of all", level_db(shown.max(axis=0), reference)))
         truth = range_weighted(true_magnitude(ref))
-        panels.append(("truth of the strongest", level_db(truth, float(truth.max()))))
+        pictures.append(("truth of the strongest", level_db(truth, float(truth.max()))))
         moving = [target for target in frame.targets if _place(target, frame, radar) == 1]
-        for axis, (name, levels) in zip(axes[0, 1:], panels, strict=True):
+        for axis, (name, levels) in zip(axes[0, 1:], pictures, strict=True):
             draw_image(axis, levels, radar, name)
             axis.set(xlabel="u = sin(azimuth)", yticklabels=[])
         axes[0, -1].plot([t.u for t in moving], [t.range_m for t in moving], "o", mfc="none", mec="cyan", ms=5, mew=0.7)
@@ -157,9 +142,8 @@ def _place(target: Target, frame: Frame, radar: Radar) -> int | None:
 
 def _same_velocity(velocities: NDArray[np.floating], velocity_mps: float, radar: Radar) -> NDArray[np.bool_]:
     """Whether Doppler cells hold a velocity, which folds at the ends of the axis."""
-    step, span = radar.waveform.velocity_step_mps, radar.waveform.velocity_span_mps
-    difference = (np.asarray(velocities, dtype=np.float64) - velocity_mps + 0.5 * span) % span - 0.5 * span
-    return np.abs(difference) <= REACH_CELLS * step
+    difference = folded(np.asarray(velocities, dtype=np.float64) - velocity_mps, radar.waveform.velocity_span_mps)
+    return np.abs(difference) <= REACH_CELLS * radar.waveform.velocity_step_mps
 
 
 def _score(radar: Radar, contender: Contender, ref: FrameRef, keep: bool) -> Values:
@@ -185,7 +169,7 @@ def _found(image: NDArray[np.floating], velocity: NDArray[np.floating], target: 
     column = (target.u - radar.grid.u_start) / radar.grid.step
     for near in range(max(row - REACH_ROWS, 0), min(row + REACH_ROWS + 1, len(image))):
         if _same_velocity(velocity[near : near + 1], target.velocity_mps, radar)[0]:
-            peaks = find_row_peaks(image[near], LEVEL).above(LEVEL)
+            peaks = find_image_peaks(image[near : near + 1], LEVEL).above(LEVEL).bins
             if np.any(np.abs(peaks - column) <= REACH_BINS):
                 return True
     return False

@@ -24,12 +24,10 @@ from trainer.evaluation.experiments.bench import (
     FrameRef,
     Results,
     Task,
-    contender_task,
-    radar_task,
+    task_of,
 )
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.page import scene_levels
-from trainer.evaluation.report.tables import TRUTH
 from trainer.evaluation.store import Values
 from trainer.metrics.cells import CellScores, score_cells
 from trainer.metrics.detection import (
@@ -87,16 +85,12 @@ def frame_tasks(bench: Bench) -> list[Task]:
     for ref in bench.frames:
         inputs, load = [bench.data_sha256, ref.frame_id], partial(load_frame, ref)
         tasks += [
-            contender_task(bench, contender, ref.condition, inputs, partial(score_frame, contender, load))
+            task_of(bench, contender, ref.condition, inputs, partial(score_frame, contender, load))
             for contender in bench.contenders
         ]
-        tasks += [
-            radar_task(
-                bench, TRUTH, ref.condition, [*inputs, list(array.rx)], partial(score_truth, bench.radar, array, load),
-                array.name,
-            )
-            for array in bench.arrays
-        ]  # fmt: skip
+        for array in bench.arrays:
+            truth = partial(score_truth, bench.radar, array, load)
+            tasks.append(task_of(bench, None, ref.condition, [*inputs, list(array.rx)], truth, array.name))
     return tasks
 
 
@@ -183,12 +177,15 @@ def _stored(cells: CellScores) -> dict[str, NDArray[np.float64] | float]:
     return {"cells_matched": cells.matched, "cells_false": cells.false_alarms, "cells_true": float(cells.truths)}
 
 
-def ranking(results: Results, method: str, array: str, refs: Sequence[FrameRef]) -> Ranking:
-    """Detections of a method, or of :data:`TRUTH`, over frames."""
-    found = [results[method, array, ref.condition] for ref in refs]
+def ranking(results: Results, key: tuple[str, str], refs: Sequence[FrameRef]) -> Ranking:
+    """Detections over frames.
+
+    :param key: (method, array); the method may be :data:`TRUTH`
+    """
+    found = [results[*key, ref.condition] for ref in refs]
     return pooled([CellScores(one["cells_matched"], one["cells_false"], int(one["cells_true"])) for one in found])
 
 
 def gathered(results: Results, contender: Contender, refs: Sequence[FrameRef], name: str) -> NDArray[np.float64]:
     """[frames, ...] one score of a contender over frames."""
-    return np.stack([results[contender.method, contender.array.name, ref.condition][name] for ref in refs])
+    return np.stack([results[*contender.key, ref.condition][name] for ref in refs])

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
+
 from matplotlib.figure import Figure
 
 from shared.physics.errors import figure_text
-from trainer.evaluation.experiments.bench import Bench, FrameRef, Results, single_row
-from trainer.evaluation.experiments.contenders import Contender, look_of
-from trainer.evaluation.experiments.detection import SSIM, strict_rows
+from trainer.evaluation.experiments.bench import Bench, FrameRef, Numbers, Results, known
+from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.experiments.detection import SSIM, count_frames
 from trainer.evaluation.experiments.frames import OfFrames
-from trainer.evaluation.report.figures import counted, legend_below, new_figure, subplots
+from trainer.evaluation.report.figures import Look, counted, draw_bar, legend_below, panels
 from trainer.evaluation.report.tables import AVERAGE_PRECISION, MetricRow
 from trainer.run.folder import Fingerprint
 
 SHOWN = (AVERAGE_PRECISION, SSIM)
-
-
 SECONDS, PARAMETERS = "seconds for an image", "trained parameters"
 
 
@@ -32,35 +31,31 @@ class Generalisation(OfFrames):
         "nothing; a hatched one to a network that never saw the scene, or of which it is not known."
     )
 
-    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
-        found = []
+    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         for scene, refs in by_scene(bench).items():
             for contender in bench.contenders:
                 condition = {"scene": scene, "trained on it": trained_on(bench, contender, scene)}
-                found += strict_rows(bench, self.name, results, contender, refs, condition)
-        return found
+                count_frames(bench, results, contender, refs, condition, found)
 
-    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
-        rows = {(row.method, row.array, row.metric, row.condition["scene"]): row for row in self.rows(bench, results)}
+    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
+        of_scene = {(row.method, row.array, row.metric, row.condition["scene"]): row for row in rows}
         scenes = by_scene(bench)
-        look = look_of(bench.contenders)
+        look = Look(one.key for one in bench.contenders)
         width = max(7.0, 1.2 + len(scenes) * (0.28 * len(bench.contenders) + 0.4))
-        figure = new_figure(width, 6.0, self.title)
-        axes = subplots(figure, len(SHOWN), 1, sharex=True)[:, 0]
+        figure, grid = panels(len(SHOWN), 1, (width, 6.0), self.title, sharex=True)
+        axes = grid[:, 0]
         slot = 0.85 / len(bench.contenders)
         for axis, metric in zip(axes, SHOWN, strict=True):
             for place, contender in enumerate(bench.contenders):
                 for column, scene in enumerate(scenes):
-                    row = rows[contender.method, contender.array.name, metric, scene]
+                    row = of_scene[*contender.key, metric, scene]
                     centre = column + (place - 0.5 * (len(bench.contenders) - 1)) * slot
                     unseen = trained_on(bench, contender, scene) in ("no", "unknown")
-                    axis.bar(
-                        centre, row.value, 0.9 * slot, color=look.colour(contender.method),
-                        alpha=1.0 - 0.25 * look.arrays.index(contender.array.name), hatch="////" if unseen else None,
-                        edgecolor="white", lw=0.0,
+                    paler = 1.0 - 0.25 * look.arrays.index(contender.array.name)
+                    draw_bar(
+                        axis, centre, row, 0.9 * slot, color=look.colour(contender.method), alpha=paler,
+                        hatch="////" if unseen else None, edgecolor="white", lw=0.0,
                     )  # fmt: skip
-                    if np.isfinite([row.low, row.high]).all():
-                        axis.plot([centre, centre], [row.low, row.high], color="black", lw=0.8)
             axis.set(ylabel=metric, ylim=(0.0, None))
             axis.grid(axis="y", alpha=0.25)
         labels = [f"{figure_text(scene)}\n{counted(len(refs), 'frame')}" for scene, refs in scenes.items()]
@@ -118,21 +113,19 @@ class Tradeoff(OfFrames):
         "their parameters."
     )
 
-    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
-        return [
-            single_row(self.name, contender, PARAMETERS, {}, float(contender.parameters))
-            for contender in bench.contenders
-        ]
-
-    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
-        look = look_of(bench.contenders)
-        figure = new_figure(10.0, 4.8, self.title)
-        axes = subplots(figure, 1, len(SHOWN))[0]
+    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         for contender in bench.contenders:
-            rows = strict_rows(bench, self.name, results, contender, self.refs(bench), {})
+            found.add(contender.key, PARAMETERS, {}, known(float(contender.parameters)))
+
+    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
+        look = Look(one.key for one in bench.contenders)
+        figure, (axes,) = panels(1, len(SHOWN), (10.0, 4.8), self.title)
+        for contender in bench.contenders:
+            quality = Numbers(self.name, bench.config.seed)
+            count_frames(bench, results, contender, self.refs(bench), {}, quality)
             for axis, metric in zip(axes, SHOWN, strict=True):
-                row = next(r for r in rows if r.metric == metric)
-                seconds = bench.seconds[contender.method, contender.array.name]
+                row = next(r for r in quality.rows if r.metric == metric)
+                seconds = bench.seconds[contender.key]
                 style = {"color": look.colour(contender.method), "marker": look.marker(contender.array.name)}
                 axis.plot(seconds, row.value, ms=7, ls="", **style)
                 axis.plot([seconds, seconds], [row.low, row.high], color=look.colour(contender.method), lw=1.0)

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from shared.physics.errors import InputError
 from shared.physics.units import power_to_db
@@ -24,11 +24,13 @@ from trainer.estimators.fitting import fit_lines, score_peaks
 from trainer.estimators.lines import line_amplitudes
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music
-from trainer.evaluation.experiments.contenders import NETWORKS, kind_of
+from trainer.evaluation.experiments.bench import Bench, Experiment, Numbers, Results, Task, known
+from trainer.evaluation.experiments.contenders import kind_of
 from trainer.evaluation.experiments.measured_figures import cartesian_figure, cut_figure
 from trainer.evaluation.experiments.measured_input import MeasuredInput, snapshot_radar
 from trainer.evaluation.report.tables import MetricRow
 from trainer.evaluation.store import Values
+from trainer.metrics.bootstrap import Interval
 from trainer.run.answers import NetworkAnswer, network_answer
 from trainer.run.detections import CANDIDATES
 from trainer.run.folder import RUN_FILE, load_imager
@@ -36,6 +38,8 @@ from trainer.run.other_radars import fitted_imager
 
 NAME = "measured"
 """As ``--experiments`` takes it."""
+LINES = "lines.md"
+"""File of the lines of all methods."""
 Found = dict[tuple[str, str], Values]
 """By (method, array)."""
 LINE_FIT = "line-fit"
@@ -50,73 +54,94 @@ FOUND_WITHIN_DEG = 1.0
 HANN = (0.0, -0.5, 1.0, -0.5, 0.0)
 """What a point in the middle of a range bin is in its neighbours: a network that looks along range is shown a snapshot
 so."""
-TITLE = "A measured row"
-CAPTION = (
-    "One row of measured channels, and parts of it. Levels below each spectrum's maximum; dotted, where the number "
-    "of targets is told: maximum likelihood of as many on all elements. Lines reach down from their level where a "
-    "method finds lines instead of a spectrum. Maximum likelihood and MUSIC with forward-backward smoothing over "
-    "subarrays of half the length (music-fbss, which needs a uniform line) are told the number of targets where it "
-    "is known, the others never are. Every method is told the noise with what the calibration leaves. Weaker lines "
-    "are errors of calibration or echoes, drawn where they stand above what a method takes for noise."
-)
 
 
-@dataclass(frozen=True, eq=False)
-class MeasuredRow:
-    """What all methods say of a measured row.
-
-    :param rows: of the metrics table
-    :param figures: by the name of their files
-    :param lines: Markdown, see :func:`_line_list`
-    """
-
-    rows: list[MetricRow]
-    figures: dict[str, Figure]
-    lines: str
-
-
-def look_at(
-    measured: MeasuredInput, methods: Sequence[str] = (), networks: Sequence[tuple[str, NetworkAnswer]] = ()
-) -> MeasuredRow:
+class Measured(Experiment):
     """The row by every method on every one of its element sets, and by the networks that fit it; of a cube a picture.
 
+    :param measured: the row
     :param methods: some of :data:`METHODS`; all where empty
     :param networks: with the name that tables have for them, see :func:`fitting_networks`
     """
-    spectra: Found = {}
-    pictures: Found = {}
-    places, left = reference_lines(measured)
-    reference = _degrees(places)
-    for name, elements in measured.elements.items():
-        for method in methods or METHODS:
-            if _applies(method, measured, elements):
-                x, line = measured.snapshot[None, elements], measured.line(elements)
-                # Where the number of targets is known the noise is what as many lines leave, if that is more.
-                stated = row_noise(x, measured.noise_power, measured.model_error_db)
-                image = _estimator(method, measured.targets).image(x, line, measured.u, np.maximum(stated, left))
-                spectra[method, name] = _judged(image[0], measured.u, x, line, measured.targets)
-    if measured.frame is not None:
-        pictures = {
-            (method, next(iter(measured.elements))): _picture(measured, method)
-            for method in methods or PICTURED
-            if method in PICTURED
-        }
-    for name, answer in networks:
-        key, elements, u = (name, answer.array.name), _elements(measured, answer), answer.radar.grid.u
-        if measured.frame is None:
-            rows = (np.array(HANN)[:, None] * measured.snapshot).astype(np.complex64)
-            spectrum = answer.images(rows[None], measured.noise_power, measured.model_error_db)[0][0, HANN.index(1.0)]
-        else:
-            frame = measured.frame
-            image = answer.images(frame.range_channel[:1], frame.noise_power, measured.model_error_db)[0][0]
-            pictures[key] = {"image": image, "u": u}
-            spectrum = image[measured.row]
-        x, line = measured.snapshot[None, elements], measured.line(elements)
-        spectra[key] = _judged(spectrum.astype(np.float64), u, x, line, measured.targets)
-    figures = {NAME: cut_figure(measured, TITLE, spectra, reference, _notes(spectra, reference))}
-    if pictures:
-        figures[f"{NAME}-picture"] = cartesian_figure(measured, pictures)
-    return MeasuredRow(_rows(spectra, reference), figures, _line_list(measured, spectra, reference))
+
+    name = NAME
+    title = "A measured row"
+    caption = (
+        "One row of measured channels, and parts of it. Levels below each spectrum's maximum; dotted, where the number "
+        "of targets is told: maximum likelihood of as many on all elements. Lines reach down from their level where a "
+        "method finds lines instead of a spectrum. Maximum likelihood and MUSIC with forward-backward smoothing over "
+        "subarrays of half the length (music-fbss, which needs a uniform line) are told the number of targets where it "
+        "is known, the others never are. Every method is told the noise with what the calibration leaves. Weaker lines "
+        "are errors of calibration or echoes, drawn where they stand above what a method takes for noise."
+    )
+
+    def __init__(
+        self, measured: MeasuredInput, methods: Sequence[str] = (), networks: Sequence[tuple[str, NetworkAnswer]] = ()
+    ) -> None:
+        self.measured, self._methods, self._networks = measured, methods, networks
+        self._spectra: Found = {}
+        self._pictures: Found = {}
+        self._reference = np.empty(0)
+
+    def tasks(self, bench: Bench) -> Sequence[Task]:
+        return []
+
+    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
+        with threadpool_limits(limits=1):
+            self._look()
+        for n, angle in enumerate(self._reference, 1):
+            found.add(("ml", "reference"), f"angle {n} [deg]", {"elements": "all"}, known(float(angle)))
+        for key, values in self._spectra.items():
+            angles = _degrees(values["lines"])
+            numbers: dict[str, float] = {}
+            for n, (angle, level) in enumerate(zip(angles, values["levels_db"], strict=True), 1):
+                numbers |= {f"angle {n} [deg]": float(angle), f"level {n} [dB]": float(level)}
+            numbers["power left [dB]"] = float(values["left_db"])
+            if len(self._reference):
+                which = "both" if len(self._reference) == 2 else "all"
+                numbers[f"{which} within {FOUND_WITHIN_DEG:g} deg"] = float(_all_found(angles, self._reference))
+            for metric, value in numbers.items():
+                found.add(key, metric, {}, Interval(value, math.nan, math.nan))
+
+    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
+        notes = _notes(self._spectra, self._reference)
+        drawn = {NAME: cut_figure(self.measured, self.title, self._spectra, self._reference, notes)}
+        if self._pictures:
+            drawn[f"{NAME}-picture"] = cartesian_figure(self.measured, self._pictures)
+        return drawn
+
+    def texts(self) -> dict[str, str]:
+        return {LINES: _line_list(self.measured, self._spectra, self._reference)}
+
+    def _look(self) -> None:
+        measured, methods = self.measured, self._methods
+        places, left = reference_lines(measured)
+        self._reference = _degrees(places)
+        for name, elements in measured.elements.items():
+            for method in methods or METHODS:
+                if _applies(method, measured, elements):
+                    x, line = measured.snapshot[None, elements], measured.line(elements)
+                    # Where the number of targets is known the noise is what as many lines leave, if that is more.
+                    stated = row_noise(x, measured.noise_power, measured.model_error_db)
+                    image = _estimator(method, measured.targets).image(x, line, measured.u, np.maximum(stated, left))
+                    self._spectra[method, name] = _judged(image[0], measured.u, x, line, measured.targets)
+        if measured.frame is not None:
+            for method in methods or PICTURED:
+                if method in PICTURED:
+                    self._pictures[method, next(iter(measured.elements))] = _picture(measured, method)
+        for name, answer in self._networks:
+            key, elements, u = (name, answer.array.name), _elements(measured, answer), answer.radar.grid.u
+            if measured.frame is None:
+                rows = (np.array(HANN)[:, None] * measured.snapshot).astype(np.complex64)
+                images, _ = answer.images(rows[None], measured.noise_power, measured.model_error_db)
+                spectrum = images[0, HANN.index(1.0)]
+            else:
+                frame = measured.frame
+                images, _ = answer.images(frame.range_channel[:1], frame.noise_power, measured.model_error_db)
+                self._pictures[key] = {"image": images[0], "u": u}
+                spectrum = images[0, measured.row]
+            x, line = measured.snapshot[None, elements], measured.line(elements)
+            self._spectra[key] = _judged(spectrum.astype(np.float64), u, x, line, measured.targets)
 
 
 def fitting_networks(
@@ -145,41 +170,9 @@ def fitting_networks(
     return networks, obstacles
 
 
-def check_measured_methods(methods: Sequence[str] | None) -> tuple[str, ...]:
-    """The estimators among the methods asked for, none where all are to look.
-
-    :raises InputError: an unknown one, or none
-    """
-    chosen = tuple(name for name in methods or () if name not in NETWORKS)
-    if unknown := [name for name in chosen if name not in METHODS]:
-        raise InputError("--methods", repr(unknown[0]), f"some of {', '.join((*METHODS, *NETWORKS))}")
-    if methods is not None and not methods:
-        raise InputError("--methods", "none", f"some of {', '.join(METHODS)}")
-    return chosen
-
-
 def _elements(measured: MeasuredInput, answer: NetworkAnswer) -> NDArray[np.intp]:
     """[C] of the row, which a network looks at; -1 for a channel that the row does not have."""
     return answer.channels if measured.frame is None else measured.element[answer.channels]
-
-
-def _rows(spectra: Found, reference: NDArray[np.float64]) -> list[MetricRow]:
-    unknown = (math.nan, math.nan)
-    found = [
-        MetricRow(NAME, "ml", "reference", f"angle {n} [deg]", {"elements": "all"}, angle, angle, angle, 1)
-        for n, angle in enumerate(reference, 1)
-    ]
-    for (method, array), values in spectra.items():
-        angles = _degrees(values["lines"])
-        numbers: dict[str, float] = {}
-        for n, (angle, level) in enumerate(zip(angles, values["levels_db"], strict=True), 1):
-            numbers |= {f"angle {n} [deg]": float(angle), f"level {n} [dB]": float(level)}
-        numbers["power left [dB]"] = float(values["left_db"])
-        if len(reference):
-            which = "both" if len(reference) == 2 else "all"
-            numbers[f"{which} within {FOUND_WITHIN_DEG:g} deg"] = float(_all_found(angles, reference))
-        found += [MetricRow(NAME, method, array, metric, {}, value, *unknown, 1) for metric, value in numbers.items()]
-    return found
 
 
 def _notes(spectra: Found, reference: NDArray[np.float64]) -> dict[str, str]:

@@ -13,7 +13,7 @@ from scipy.ndimage import maximum_filter
 from shared.physics.errors import figure_text
 from shared.pictures import SPAN_DB, draw_from_above, level_db, range_weighted_db
 from trainer.evaluation.experiments.measured_input import MeasuredInput
-from trainer.evaluation.report.figures import Look, colour_bar, legend_below, new_figure, subplots
+from trainer.evaluation.report.figures import Look, colour_bar, legend_below, panels
 from trainer.evaluation.store import Values
 
 COLUMNS = 3
@@ -40,14 +40,13 @@ def cut_figure(
     :param reference: angles to be drawn [deg]
     :param notes: beside an array's name
     """
-    look = Look([method for method, _ in spectra], [array for _, array in spectra])
+    look = Look(spectra)
     columns = min(COLUMNS, len(look.arrays))
-    lines = -(-len(look.arrays) // columns)
     where = "" if measured.radar is None else f", {measured.row * measured.radar.waveform.range_step_m:.2f} m"
-    figure = new_figure(
-        max(4.6 * columns, 7.0), 3.3 * lines + 1.1, f"{title}: {figure_text(measured.path.name)}{where}"
-    )
-    axes = subplots(figure, lines, columns, sharex=True, sharey=True)
+    title = f"{title}: {figure_text(measured.path.name)}{where}"
+    lines = -(-len(look.arrays) // columns)
+    size = max(4.6 * columns, 7.0), 3.3 * lines + 1.1
+    figure, axes = panels(lines, columns, size, title, len(look.arrays), sharex=True, sharey=True)
     for axis, array in zip(axes.ravel(), look.arrays, strict=False):
         for (method, of_array), values in spectra.items():
             if of_array == array:
@@ -61,8 +60,6 @@ def cut_figure(
         axis.set(xlabel="azimuth [deg]", xlim=_limits(measured, reference))
         axis.grid(alpha=0.25)
         axis.tick_params(labelbottom=True)
-    for axis in axes.ravel()[len(look.arrays) :]:
-        axis.set_visible(False)
     for axis in axes[:, 0]:
         axis.set_ylabel("level [dB]")
     legend_below(figure, look.method_handles())
@@ -79,19 +76,17 @@ def cartesian_figure(measured: MeasuredInput, images: Mapping[tuple[str, str], V
     assert measured.radar is not None
     waveform = measured.radar.waveform
     columns = min(COLUMNS, math.ceil(math.sqrt(len(images))))
-    lines = -(-len(images) // columns)
     bins = min(max(int(FARTHEST * measured.row), 16), waveform.range_bins)
     # A panel is as high as the range and as wide as twice the largest y.
     widest = 2.0 * max(float(np.abs(values["u"]).max()) for values in images.values())
-    height = (PANEL_INCHES / widest + 0.5) * lines + 0.8
-    figure = new_figure(PANEL_INCHES * columns + 1.4, height, f"Seen from above: {figure_text(measured.path.name)}")
-    axes = subplots(figure, lines, columns, sharex=True, sharey=True)
+    lines = -(-len(images) // columns)
+    size = PANEL_INCHES * columns + 1.4, (PANEL_INCHES / widest + 0.5) * lines + 0.8
+    title = f"Seen from above: {figure_text(measured.path.name)}"
+    figure, axes = panels(lines, columns, size, title, len(images), sharex=True, sharey=True)
     for axis, ((method, array), values) in zip(axes.ravel(), images.items(), strict=False):
         levels = maximum_filter(range_weighted_db(values["image"])[:bins], DRAWN_BINS)
         draw_from_above(axis, levels, waveform.range_step_m, values["u"])
         axis.set_title(figure_text(f"{method}, {array}"))
-    for axis in axes.ravel()[len(images) :]:
-        axis.set_visible(False)
     for axis in axes[-1]:
         axis.set_xlabel("y, to the left [m]")
     for axis in axes[:, 0]:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from shared.physics.errors import figure_text
 from shared.signal.windows import cell_noise_power
 from trainer.data.simulation import snapshot
-from trainer.evaluation.experiments.bench import Bench, Results, Simulated, cell_of, mean_row
-from trainer.evaluation.experiments.contenders import Contender, look_of
-from trainer.evaluation.report.figures import new_figure, subplots
+from trainer.evaluation.experiments.bench import Bench, Numbers, Results, Simulated
+from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.report.figures import Look, draw_bar, panels
 from trainer.evaluation.report.tables import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.metrics.peaks import false_alarms, noise_level
@@ -58,22 +58,18 @@ class NoiseOnly(Simulated):
         level = noise_level(contender.answer.line, noise, LEVEL_PROBABILITY) if amplitudes else HALF
         return {"count": np.asarray(false_alarms(contender.answer.image(scene, noise), level))}
 
-    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
-        found = []
+    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         for contender in _judged(bench):
-            counts = [float(cell_of(results, contender, frame)["count"]) for frame in self.conditions(bench)]
-            found.append(mean_row(bench, self.name, contender, METRIC, _condition(contender), counts))
-        return found
+            counts = [float(results[*contender.key, frame]["count"]) for frame in self.conditions(bench)]
+            level = f"{LEVEL_PROBABILITY:g} of das" if contender.answer.unit == AMPLITUDE else f"{HALF:g}"
+            found.mean(contender, METRIC, {"level": level}, counts)
 
-    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
         contenders = _judged(bench)
-        look = look_of(contenders)
-        figure = new_figure(max(5.0, 0.5 * len(contenders) + 1.5), 3.6, self.title)
-        axis = subplots(figure, 1, 1)[0, 0]
-        for place, row in enumerate(self.rows(bench, results)):
-            axis.bar(place, row.value, color=look.colour(row.method))
-            if np.isfinite([row.low, row.high]).all():
-                axis.plot([place, place], [row.low, row.high], color="black", lw=1.0)
+        look = Look(one.key for one in contenders)
+        figure, ((axis,),) = panels(1, 1, (max(5.0, 0.5 * len(contenders) + 1.5), 3.6), self.title)
+        for place, row in enumerate(rows):
+            draw_bar(axis, place, row, color=look.colour(row.method))
         axis.set_xticks(range(len(contenders)), [figure_text(c.name) for c in contenders], rotation=60, ha="right")
         axis.set_ylabel(METRIC)
         axis.grid(axis="y", alpha=0.25)
@@ -83,8 +79,3 @@ class NoiseOnly(Simulated):
 def _judged(bench: Bench) -> tuple[Contender, ...]:
     """The contenders whose images have an absolute level."""
     return tuple(contender for contender in bench.contenders if contender.answer.unit in (AMPLITUDE, PROBABILITY))
-
-
-def _condition(contender: Contender) -> dict[str, str]:
-    level = f"{LEVEL_PROBABILITY:g} of das" if contender.answer.unit == AMPLITUDE else f"{HALF:g}"
-    return {"level": level}

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from shared.physics.errors import figure_text
 from trainer.data.simulation import Condition, Trials, no_room, simulate
 from trainer.estimators.ml import MaximumLikelihood
-from trainer.evaluation.experiments.bench import Bench, Results, Simulated, cell_of, mean_row, share_row
-from trainer.evaluation.experiments.contenders import Contender, estimator_contender, look_of
-from trainer.evaluation.report.figures import legend_below, new_figure, subplots
+from trainer.evaluation.experiments.bench import Bench, Numbers, Results, Simulated
+from trainer.evaluation.experiments.contenders import Contender, estimator_contender
+from trainer.evaluation.report.figures import Look, legend_below, panels
 from trainer.evaluation.report.tables import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.metrics.peaks import point_spread, resolved, single_source_bound, strongest_peaks
@@ -82,35 +82,31 @@ class Resolution(Simulated):
     def score(self, bench: Bench, contender: Contender, place: int, scene: Trials) -> Values:
         return locate_targets(contender, scene)
 
-    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
-        found = []
+    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         for contender in entrants(bench):
             for condition in PAIRS:
-                values = cell_of(results, contender, str(condition))
+                values = results[*contender.key, str(condition)]
                 both = resolved(values["found"], values["u"])
-                found.append(share_row(self.name, contender, PROBABILITY_OF_RESOLUTION, condition.named, both))
+                found.share(contender, PROBABILITY_OF_RESOLUTION, condition.named, both)
                 degrees = np.abs(np.rad2deg(values["phase_rad"]))
                 for low, high in PHASE_GROUPS_DEG:
                     group = (degrees >= low) & (degrees <= high)
                     if group.any():
                         of = {**condition.named, "phase": f"{low}-{high} deg"}
-                        found.append(share_row(self.name, contender, PROBABILITY_OF_RESOLUTION, of, both[group]))
+                        found.share(contender, PROBABILITY_OF_RESOLUTION, of, both[group])
             for condition in SINGLES:
                 errors, named = _errors(results, contender, condition), condition.named
-                found.append(
-                    mean_row(bench, self.name, contender, "bias [bins]", named, errors / bench.radar.grid.step)
-                )
-                over_bound = errors**2 / _bound(contender, condition)
-                squares = mean_row(bench, self.name, contender, "RMSE over bound", named, over_bound)
-                root, lower, upper = map(math.sqrt, (squares.value, squares.low, squares.high))
-                found.append(replace(squares, value=root, low=lower, high=upper))
-        return found
+                found.mean(contender, "bias [bins]", named, errors / bench.radar.grid.step)
+                found.mean(contender, "RMSE over bound", named, errors**2 / _bound(contender, condition))
+                square = found.rows.pop()
+                root, lower, upper = map(math.sqrt, (square.value, square.low, square.high))
+                found.rows.append(replace(square, value=root, low=lower, high=upper))
 
-    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
         contenders = entrants(bench)
-        look = look_of(contenders)
-        figure = new_figure(3.4 * len(look.arrays) + 0.6, 6.6, self.title)
-        axes = subplots(figure, 2, len(look.arrays), sharey="row")
+        look = Look(one.key for one in contenders)
+        size = 3.4 * len(look.arrays) + 0.6, 6.6
+        figure, axes = panels(2, len(look.arrays), size, self.title, sharey="row")
         for contender in contenders:
             column = look.arrays.index(contender.array.name)
             ceiling = contender.method == CEILING
@@ -120,7 +116,7 @@ class Resolution(Simulated):
             }  # fmt: skip
             shares = []
             for separation in SEPARATIONS:
-                values = cell_of(results, contender, str(Condition(separation, SHOWN_SNR_DB)))
+                values = results[*contender.key, str(Condition(separation, SHOWN_SNR_DB))]
                 shares.append(float(resolved(values["found"], values["u"]).mean()))
             axes[0, column].plot(SEPARATIONS, shares, **style)
             ratios = [_error_over_bound(results, contender, single) for single in SINGLES]
@@ -169,7 +165,7 @@ def locate_targets(contender: Contender, trials: Trials) -> Values:
 
 def _errors(results: Results, contender: Contender, single: Condition) -> NDArray[np.float64]:
     """[T] errors in u of single targets, NaN where none was found."""
-    values = cell_of(results, contender, str(single))
+    values = results[*contender.key, str(single)]
     return (values["found"] - values["u"])[:, 0]
 
 

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from shared.radar.arrays import AntennaArray
 from trainer.data.arrays import ArrayChoice
 from trainer.data.simulation import Condition, Trials, no_room, resolution_cell, simulate, trial_rows
-from trainer.evaluation.experiments.bench import Bench, Results, Simulated, cell_of, mean_row, share_row
-from trainer.evaluation.experiments.contenders import Contender, look_of
-from trainer.evaluation.report.figures import legend_below, new_figure, subplots
+from trainer.evaluation.experiments.bench import Bench, Numbers, Results, Simulated
+from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.report.figures import Look, legend_below, panels
 from trainer.evaluation.report.tables import MetricRow, condition_text
 from trainer.evaluation.store import Values
-from trainer.metrics.detection import find_row_peaks
+from trainer.metrics.detection import find_image_peaks
 from trainer.metrics.peaks import resolved, strongest_peaks
 
 SEPARATION_CELLS = 1.0
@@ -109,45 +109,50 @@ class Robustness(Simulated):
         return no_room(bench.radar, SEPARATION_CELLS)
 
     def conditions(self, bench: Bench) -> Sequence[str]:
-        return [_condition(impairment, image) for impairment, image in _scenes(bench)]
+        return [condition_text(impairment.named) for impairment in impairments()]
 
-    def scene(self, bench: Bench, place: int) -> Trials:
-        """One image; the same targets and noise whatever the impairment."""
-        (impairment, image), seed = _scenes(bench)[place], bench.config.seed
-        snr = impairment.size if impairment.kind == "SNR" else SNR_DB
-        arrays = None
-        if impairment.kind == "RX position error":
-            generator = np.random.default_rng([seed, 31, image])
-            arrays = [displaced(bench.radar.array, impairment.size, generator) for _ in trial_rows(bench.radar)]
-        return simulate(bench.radar, Condition(SEPARATION_CELLS, snr), 1, [seed, 30, image], arrays)
+    def inputs(self, bench: Bench) -> list[int]:
+        return [bench.config.seed, bench.config.trials]
 
-    def score(self, bench: Bench, contender: Contender, place: int, scene: Trials) -> Values:
-        (impairment, image), radar = _scenes(bench)[place], bench.radar
-        generator = np.random.default_rng([bench.config.seed, 32, image])
-        sensors = np.stack([channel_factors(impairment, radar.array, contender.array, generator) for _ in scene.rows])
-        # The range bins between two pairs have the sensor of the nearer pair.
-        nearest = np.abs(np.arange(radar.waveform.range_bins)[:, None] - scene.rows).argmin(axis=1)
-        seen = replace(scene, snapshots=(scene.snapshots * sensors[nearest]).astype(np.complex64))
-        images = contender.image_trials(seen)
+    def scene(self, bench: Bench, place: int) -> list[Trials]:
+        """Images, each of as many trials as it has room for; the same targets and noise whatever the impairment."""
+        impairment, radar, seed = impairments()[place], bench.radar, bench.config.seed
+        condition = Condition(SEPARATION_CELLS, impairment.size if impairment.kind == "SNR" else SNR_DB)
+        count = len(trial_rows(radar))
+        images = []
+        for image in range(-(-bench.config.trials // count)):
+            arrays = None
+            if impairment.kind == "RX position error":
+                generator = np.random.default_rng([seed, 31, image])
+                arrays = [displaced(radar.array, impairment.size, generator) for _ in range(count)]
+            images.append(simulate(radar, condition, 1, [seed, 30, image], arrays))
+        return images
+
+    def score(self, bench: Bench, contender: Contender, place: int, scene: list[Trials]) -> Values:
+        """[trials] of each of :data:`METRICS`."""
+        radar, both, extra = bench.radar, [], []
         reach = 0.5 * SEPARATION_CELLS * resolution_cell(radar)
-        return {
-            METRICS[0]: resolved(strongest_peaks(images, radar.grid.u, 2), scene.u),
-            METRICS[1]: false_peaks(images, radar.grid.u, scene.u, reach),
-        }
+        for image, trials in enumerate(scene):
+            generator, rows = np.random.default_rng([bench.config.seed, 32, image]), trials.rows
+            drawn = [channel_factors(impairments()[place], radar.array, contender.array, generator) for _ in rows]
+            # The range bins between two pairs have the sensor of the nearer pair.
+            nearest = np.abs(np.arange(radar.waveform.range_bins)[:, None] - rows).argmin(axis=1)
+            seen = replace(trials, snapshots=(trials.snapshots * np.stack(drawn)[nearest]).astype(np.complex64))
+            images = contender.image_trials(seen)
+            both.append(resolved(strongest_peaks(images, radar.grid.u, 2), trials.u))
+            extra.append(false_peaks(images, radar.grid.u, trials.u, reach))
+        return {METRICS[0]: np.concatenate(both), METRICS[1]: np.concatenate(extra)}
 
-    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
-        found = []
+    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         for contender in bench.contenders:
             for impairment in impairments():
-                both, extra = (_samples(bench, results, contender, impairment, metric) for metric in METRICS)
-                found.append(share_row(self.name, contender, METRICS[0], impairment.named, both))
-                found.append(mean_row(bench, self.name, contender, METRICS[1], impairment.named, extra))
-        return found
+                cell = results[*contender.key, condition_text(impairment.named)]
+                found.share(contender, METRICS[0], impairment.named, cell[METRICS[0]])
+                found.mean(contender, METRICS[1], impairment.named, cell[METRICS[1]])
 
-    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
-        look = look_of(bench.contenders)
-        figure = new_figure(13.0, 5.4, self.title)
-        axes = subplots(figure, len(METRICS), len(SIZES), sharey="row", sharex="col")
+    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
+        look = Look(one.key for one in bench.contenders)
+        figure, axes = panels(len(METRICS), len(SIZES), (13.0, 5.4), self.title, sharey="row", sharex="col")
         for column, (kind, sizes) in enumerate(SIZES.items()):
             unit = f" [{UNITS[kind]}]" if UNITS[kind] else ""
             axes[-1, column].set_xlabel(f"{kind}{unit}")
@@ -155,9 +160,9 @@ class Robustness(Simulated):
                 axis = axes[line, column]
                 axis.grid(alpha=0.25)
                 for contender in bench.contenders:
-                    means = [
-                        float(np.mean(_samples(bench, results, contender, _at(kind, size), metric))) for size in sizes
-                    ]
+                    shown = [IDEAL if kind != "SNR" and size == 0 else Impairment(kind, size) for size in sizes]
+                    cells = [results[*contender.key, condition_text(one.named)] for one in shown]
+                    means = [float(np.mean(cell[metric])) for cell in cells]
                     axis.plot(
                         sizes, means, color=look.colour(contender.method), ls=look.line(contender.array.name),
                         marker=look.marker(contender.array.name), ms=3.5, lw=look.weight(contender.method),
@@ -175,38 +180,10 @@ class Robustness(Simulated):
 METRICS = ("probability of resolution", "false peaks a trial")
 
 
-def _at(kind: str, size: float) -> Impairment:
-    """The impairment, or the ideal sensor where it is none."""
-    return IDEAL if kind != "SNR" and size == 0 else Impairment(kind, size)
-
-
-def _images(bench: Bench) -> range:
-    return range(-(-bench.config.trials // len(trial_rows(bench.radar))))
-
-
-def _scenes(bench: Bench) -> list[tuple[Impairment, int]]:
-    """(impairment, image) of all scenes."""
-    return [(impairment, image) for impairment in impairments() for image in _images(bench)]
-
-
-def _condition(impairment: Impairment, image: int) -> str:
-    return condition_text({**impairment.named, "image": image})
-
-
-def _samples(
-    bench: Bench, results: Results, contender: Contender, impairment: Impairment, metric: str
-) -> NDArray[np.float64]:
-    """[trials] of all images of a condition."""
-    cells = [cell_of(results, contender, _condition(impairment, image)) for image in _images(bench)]
-    return np.concatenate([cell[metric].astype(np.float64) for cell in cells])
-
-
 def false_peaks(
     images: NDArray[np.floating], u: NDArray[np.float64], true: NDArray[np.float64], reach: float
 ) -> NDArray[np.int64]:
     """[T] peaks of each row above half of its maximum that are farther than ``reach`` from every true angle [T, K]."""
-    counts = []
-    for row, angles in zip(images, true, strict=True):
-        peaks = u[find_row_peaks(row).bins]
-        counts.append(int(np.all(np.abs(peaks[:, None] - angles) > reach, axis=1).sum()))
-    return np.array(counts)
+    peaks = find_image_peaks(images)
+    far = np.all(np.abs(u[peaks.bins][:, None] - true[peaks.rows]) > reach, axis=1)
+    return np.bincount(peaks.rows[far], minlength=len(images))

@@ -10,16 +10,35 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from shared.dataset import Frame
+from shared.dataset.folder import Dataset
 from shared.dataset.reading import open_shard, read_frame
 from shared.physics.errors import figure_text
 from shared.pictures import SPAN_DB, level_db, range_weighted
 from shared.radar import Radar
-from trainer.evaluation.experiments.bench import Bench, Experiment, FrameRef, Results, Task, contender_task, radar_task
+from trainer.evaluation.experiments.bench import (
+    Bench,
+    Experiment,
+    FrameRef,
+    Numbers,
+    Results,
+    Task,
+    task_of,
+)
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import load_frame, one_of_each_scene, static_world
 from trainer.evaluation.report.figures import image_sheet
-from trainer.evaluation.report.page import REPORT_SPAN_DB, WHOLE, doppler_map, from_bytes, scene_levels, to_bytes
-from trainer.evaluation.report.tables import TRUTH
+from trainer.evaluation.report.page import (
+    PEAKS,
+    REPORT_SPAN_DB,
+    WHOLE,
+    ReportFrame,
+    doppler_map,
+    from_bytes,
+    scene_levels,
+    small_picture,
+    to_bytes,
+)
+from trainer.evaluation.report.tables import TRUTH, MetricRow
 from trainer.evaluation.store import Values
 from trainer.run.targets import AMPLITUDE
 
@@ -41,24 +60,23 @@ class Street(Experiment):
         for ref in shown_frames(bench):
             inputs = [bench.data_sha256, ref.frame_id]
             tasks += [
-                contender_task(bench, contender, ref.condition, inputs, partial(_levels, contender, ref))
+                task_of(bench, contender, ref.condition, inputs, partial(_levels, contender, ref))
                 for contender in bench.contenders
             ]
-            tasks.append(radar_task(bench, TRUTH, ref.condition, inputs, partial(_truth, bench.radar, ref)))
+            tasks.append(task_of(bench, None, ref.condition, inputs, partial(_truth, bench.radar, ref)))
         return tasks
 
-    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
+        """A street scene is to be looked at."""
+
+    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
         ref = next((ref for ref in shown_frames(bench) if ref.kind == "scene"), shown_frames(bench)[0])
         truth = np.maximum(from_bytes(results[TRUTH, "", ref.condition]["levels"]), -SPAN_DB)
         drawn = {}
-        for array in dict.fromkeys(contender.array.name for contender in bench.contenders):
-            levels = {
-                contender.method: np.maximum(
-                    from_bytes(results[contender.method, array, ref.condition]["levels"]), -SPAN_DB
-                )
-                for contender in bench.contenders
-                if contender.array.name == array
-            }
+        for array in (one.name for one in bench.arrays):
+            of_array = [contender for contender in bench.contenders if contender.array.name == array]
+            found = {one.method: from_bytes(results[*one.key, ref.condition]["levels"]) for one in of_array}
+            levels = {method: np.maximum(image, -SPAN_DB) for method, image in found.items()}
             title = f"{self.title}: {figure_text(ref.scene)}, frame {ref.frame_id}, {figure_text(array)}"
             drawn[f"{self.name}-{array}"] = image_sheet(levels, truth, bench.radar, title)
         return drawn
@@ -67,6 +85,24 @@ class Street(Experiment):
 def shown_frames(bench: Bench) -> tuple[FrameRef, ...]:
     """The frames that report and figure show."""
     return one_of_each_scene(bench.frames, bench.config.shown)
+
+
+def report_frames(bench: Bench, results: Results, dataset: Dataset) -> list[ReportFrame]:
+    """The frames to look at.
+
+    :param results: the cells of the street
+    :param dataset: whose camera pictures stand beside them
+    """
+    frames = []
+    for ref in shown_frames(bench):
+        known = results[TRUTH, "", ref.condition]
+        truth, doppler = known["levels"], (WHOLE if known["doppler_whole"] else PEAKS, known["doppler"])
+        images = {one.name: results[*one.key, ref.condition]["levels"] for one in bench.contenders}
+        # The cut starts where the truth is strongest.
+        row = int(truth.max(axis=1).argmax())
+        camera = small_picture(dataset, ref.frame_id)
+        frames.append(ReportFrame(f"{ref.scene}, frame {ref.frame_id}", row, {**images, TRUTH: truth}, doppler, camera))
+    return frames
 
 
 def _levels(contender: Contender, ref: FrameRef) -> Values:

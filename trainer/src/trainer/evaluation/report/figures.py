@@ -21,6 +21,7 @@ from shared.dataset.writing import write_bytes
 from shared.physics.errors import figure_text
 from shared.pictures import COLOUR_MAP, SPAN_DB, any_name, draw_levels
 from shared.radar import Radar
+from trainer.evaluation.report.tables import MetricRow
 
 COLOURS = (
     "#0072b2",
@@ -66,11 +67,11 @@ Levels = Mapping[tuple[str, str], NDArray[np.floating]]
 class Look:
     """Colours and lines of the methods and arrays of one figure.
 
-    :param methods: in their order
-    :param arrays: names, in their order
+    :param keys: (method, array) of each contender, in their order
     """
 
-    def __init__(self, methods: Iterable[str], arrays: Iterable[str]) -> None:
+    def __init__(self, keys: Iterable[tuple[str, str]]) -> None:
+        methods, arrays = zip(*keys, strict=True)
         self.methods, self.arrays = list(dict.fromkeys(methods)), list(dict.fromkeys(arrays))
 
     def colour(self, method: str) -> str:
@@ -109,12 +110,12 @@ def legend_below(figure: Figure, handles: Sequence[Line2D]) -> None:
             legend.remove()
 
 
-def label_ends(axis: Axes, ends: Sequence[tuple[float, str, str]], gap: float = 0.052) -> None:
+def label_ends(axis: Axes, ends: Sequence[tuple[float, str, str]]) -> None:
     """Names at the right of an axis, each at its line's last value or as near as the other names leave room.
 
     :param ends: (last value, name, colour) of each line
-    :param gap: from name to name at least, of the axis' height
     """
+    gap = 0.052  # from name to name at least, of the axis' height
     low, high = axis.get_ylim()
     ordered = sorted(ends)
     places: list[float] = []
@@ -135,19 +136,29 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def new_figure(width: float, height: float, title: str) -> Figure:
-    """An empty figure, inches; independent of what else runs in the process."""
+def panels(
+    lines: int, columns: int, size: tuple[float, float], title: str, shown: int | None = None, **arguments: Any
+) -> tuple[Figure, NDArray[np.object_]]:
+    """(figure, [lines, columns] axes) in the common style; independent of what else runs in the process.
+
+    :param size: width and height of the figure [inches]
+    :param shown: how many of the axes are shown; all by default
+    """
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(width, height), layout="constrained")
+        figure = Figure(figsize=size, layout="constrained")
         FigureCanvasAgg(figure)
         figure.suptitle(title, fontsize=10.0)
-    return figure
+        axes = np.asarray(figure.subplots(lines, columns, squeeze=False, **arguments))
+    for axis in axes.ravel()[shown or axes.size :]:
+        axis.set_visible(False)
+    return figure, axes
 
 
-def subplots(figure: Figure, rows: int, columns: int, **arguments: Any) -> NDArray[np.object_]:
-    """[rows, columns] axes in the common style."""
-    with matplotlib.rc_context(STYLE):
-        return np.asarray(figure.subplots(rows, columns, squeeze=False, **arguments))
+def draw_bar(axis: Axes, place: float, row: MetricRow, width: float = 0.8, **style: Any) -> None:
+    """A number as a bar, its interval as a line in it."""
+    axis.bar(place, row.value, width, **style)
+    if np.isfinite([row.low, row.high]).all():
+        axis.plot([place, place], [row.low, row.high], color="black", lw=0.8)
 
 
 def draw_image(axis: Axes, levels_db: NDArray[np.floating], radar: Radar, title: str, first_row: int = 0) -> None:
@@ -192,28 +203,30 @@ def save_figure(figure: Figure, directory: Path, name: str) -> bytes:
 
 def image_panels(
     levels: Levels,
-    truth: NDArray[np.floating] | None,
+    truth: NDArray[np.floating],
     radar: Radar,
     first_row: int,
     title: str,
-    marks: Sequence[tuple[float, float]] = (),
-    reach: float | None = None,
-    notes: Mapping[tuple[str, str], str] | None = None,
+    marks: Sequence[tuple[float, float]],
+    reach: float,
+    notes: Mapping[tuple[str, str], str],
 ) -> Figure:
-    """Images on one dB scale; where there are targets, a cut through the range bin of the first at the right.
+    """Images of targets on one dB scale, at the right a cut through the range bin of the first one.
 
     :param levels: [n, U] range bins from ``first_row`` on [dB], at most 0
     :param truth: the same of the virtual sensor's image
     :param marks: (range [m], u) of the targets, pointed at from above
-    :param reach: u shown beyond the outermost targets; all by default
+    :param reach: u shown beyond the outermost targets
     :param notes: numbers written into the panels, by (method, array)
     """
-    look = Look([method for method, _ in levels], [array for _, array in levels])
-    names = [*look.methods, *(["truth"] if truth is not None else [])]
-    with_cut = bool(marks)
-    ratios = [1.0] * len(names) + [1.8] * with_cut
-    figure = new_figure(2.0 * sum(ratios) + 0.8, 2.4 * len(look.arrays) + 1.1, title)
-    axes = subplots(figure, len(look.arrays), len(ratios), width_ratios=ratios)
+    look = Look(levels)
+    names, targets = [*look.methods, "truth"], [u for _, u in marks]
+    ratios = [1.0] * len(names) + [1.8]
+    size = 2.0 * sum(ratios) + 0.8, 2.4 * len(look.arrays) + 1.1
+    figure, axes = panels(len(look.arrays), len(ratios), size, title, width_ratios=ratios)
+    above = [r + MARK_ABOVE_BINS * radar.waveform.range_step_m for r, _ in marks]
+    limits = max(targets) + reach, min(targets) - reach  # u falls from left to right
+    cut_row = round(marks[0][0] / radar.waveform.range_step_m) - first_row
     for line, array in enumerate(look.arrays):
         for axis, name in zip(axes[line], names, strict=False):
             image = truth if name == "truth" else levels.get((name, array))
@@ -223,27 +236,28 @@ def image_panels(
                 axis.set_axis_off()
                 continue
             draw_image(axis, image, radar, "truth" if name == "truth" else f"{name}, {array}", first_row)
-            note = (notes or {}).get((name, array))
-            if note:
+            if note := notes.get((name, array)):
                 box = {"facecolor": "black", "edgecolor": "none", "alpha": 0.6, "pad": 1.0}
                 place = {"ha": "center", "va": "bottom", "transform": axis.transAxes}
                 axis.text(0.5, 0.02, note, color="white", fontsize=7, bbox=box, **place)
-            above = [r + MARK_ABOVE_BINS * radar.waveform.range_step_m for r, _ in marks]
-            axis.plot([u for _, u in marks], above, "v", color="cyan", ms=4, mew=0.0)
-            axis.set_xlim(_limits(radar, [u for _, u in marks], reach))
-        if with_cut:
-            cut_row = round(marks[0][0] / radar.waveform.range_step_m)
-            _draw_cut(axes[line, -1], look, array, levels, truth, radar, cut_row - first_row)
-            axes[line, -1].set_xlim(_limits(radar, [u for _, u in marks], reach))
-            for _, u in marks:
-                axes[line, -1].axvline(u, color="grey", lw=0.6, ls=":")
-    image_axes = axes[:, : len(names)]
-    label_images(image_axes)
-    colour_bar(figure, image_axes)
-    if with_cut:
-        axes[-1, -1].set_xlabel("u = sin(azimuth)")
-        reference = [Line2D([], [], color=TRUTH_COLOUR, lw=0.8, label="truth")] if truth is not None else []
-        legend_below(figure, [*look.method_handles(), *reference])
+            axis.plot(targets, above, "v", color="cyan", ms=4, mew=0.0)
+            axis.set_xlim(limits)
+        cut = axes[line, -1]
+        cut.plot(radar.grid.u, truth[cut_row], color=TRUTH_COLOUR, lw=0.8)
+        for (method, of_array), image in levels.items():
+            if of_array == array:
+                cut.plot(radar.grid.u, image[cut_row], color=look.colour(method), lw=1.2)
+        for u in targets:
+            cut.axvline(u, color="grey", lw=0.6, ls=":")
+        cut.set(xlim=limits, ylim=(-SPAN_DB, 2.0), title=f"cut, {figure_text(array)}", ylabel="level [dB]")
+        cut.grid(alpha=0.25)
+        cut.yaxis.set_label_position("right")
+        cut.yaxis.tick_right()
+    label_images(axes[:, :-1])
+    colour_bar(figure, axes[:, :-1])
+    axes[-1, -1].set_xlabel("u = sin(azimuth)")
+    reference = Line2D([], [], color=TRUTH_COLOUR, lw=0.8, label="truth")
+    legend_below(figure, [*look.method_handles(), reference])
     return figure
 
 
@@ -255,35 +269,12 @@ def image_sheet(
     :param levels: [R, U] by method [dB], at most 0
     :param truth: the same of the virtual sensor's image
     """
-    panels = [*levels.items(), ("truth", truth)]
-    lines = -(-len(panels) // SHEET_COLUMNS)
-    figure = new_figure(2.2 * SHEET_COLUMNS + 0.8, 2.3 * lines + 0.6, title)
-    axes = subplots(figure, lines, SHEET_COLUMNS)
-    for axis, (name, image) in zip(axes.ravel(), panels, strict=False):
+    images = [*levels.items(), ("truth", truth)]
+    lines = -(-len(images) // SHEET_COLUMNS)
+    size = 2.2 * SHEET_COLUMNS + 0.8, 2.3 * lines + 0.6
+    figure, axes = panels(lines, SHEET_COLUMNS, size, title, len(images))
+    for axis, (name, image) in zip(axes.ravel(), images, strict=False):
         draw_image(axis, image, radar, name)
-    for axis in axes.ravel()[len(panels) :]:
-        axis.set_visible(False)
     label_images(axes)
     colour_bar(figure, axes)
     return figure
-
-
-def _draw_cut(
-    axis: Axes, look: Look, array: str, levels: Levels, truth: NDArray[np.floating] | None, radar: Radar, row: int
-) -> None:
-    if truth is not None:
-        axis.plot(radar.grid.u, truth[row], color=TRUTH_COLOUR, lw=0.8)
-    for (method, of_array), image in levels.items():
-        if of_array == array:
-            axis.plot(radar.grid.u, image[row], color=look.colour(method), lw=1.2)
-    axis.set(ylim=(-SPAN_DB, 2.0), title=f"cut, {figure_text(array)}", ylabel="level [dB]")
-    axis.grid(alpha=0.25)
-    axis.yaxis.set_label_position("right")
-    axis.yaxis.tick_right()
-
-
-def _limits(radar: Radar, targets: Sequence[float], reach: float | None) -> tuple[float, float]:
-    """u falls from left to right, as in the images."""
-    if reach is None or not targets:
-        return radar.grid.u_stop, radar.grid.u_start
-    return max(targets) + reach, min(targets) - reach

@@ -33,8 +33,6 @@ REPORT_SPAN_DB = 60.0
 """Levels that the report keeps below 0 dB."""
 STEPS = 255
 """A level is kept as a byte, 0 for the floor: steps of 0.24 dB."""
-
-
 WHOLE, PEAKS = "range-Doppler map", "strongest Doppler peaks"
 WIDTH = 800
 QUALITY = 85
@@ -58,9 +56,9 @@ def scene_levels(
     return level_db(shown, reference, span_db)
 
 
-def own_levels(image: NDArray[np.floating], span_db: float = REPORT_SPAN_DB) -> NDArray[np.float64]:
+def own_levels(image: NDArray[np.floating]) -> NDArray[np.float64]:
     """Levels [dB] below the image's own maximum, for point targets."""
-    return level_db(image, float(image.max()), span_db)
+    return level_db(image, float(image.max()), REPORT_SPAN_DB)
 
 
 def to_bytes(levels_db: NDArray[np.floating]) -> NDArray[np.uint8]:
