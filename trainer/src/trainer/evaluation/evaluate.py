@@ -25,6 +25,7 @@ from shared.dataset.writing import remove_partial, write_text
 from shared.physics.errors import InputError
 from shared.radar import Radar
 from trainer.data.arrays import choose_array
+from trainer.estimators.base import ESTIMATORS
 from trainer.evaluation.experiments.bench import (
     DEFAULT_ARRAYS,
     Bench,
@@ -157,6 +158,12 @@ def _prepared(
     dataset: Location | str | None, row: MeasuredInput | None, config: EvaluationConfig
 ) -> tuple[Bench, list[Experiment], str, list[str]]:
     """(what the experiments work on, those that apply, title, a line for each thing left out and on precision)."""
+    # A name that is mistyped is said before any data is read.
+    unknown = [repr(name) for name in config.experiments or () if name not in NAMES]
+    if unknown or config.experiments == ():
+        raise InputError("--experiments", unknown[0] if unknown else "none", f"some of {', '.join(NAMES)}")
+    if config.methods is not None:
+        check_methods(config.methods, (*(METHODS if dataset is None else ESTIMATORS), *NETWORKS))
     if dataset is not None:
         bench, left_out = open_bench(dataset, config)
         arrays = [contender.array for contender in bench.contenders]
@@ -172,8 +179,6 @@ def _prepared(
         raise InputError("--experiments", ", ".join(config.experiments), f"{MEASURED} alone without a dataset")
     # The default names are of the default radar: of another cube nobody has asked for them.
     asked = ("full",) if row.radar is not None and config.arrays == DEFAULT_ARRAYS else config.arrays
-    if config.methods is not None:
-        check_methods(config.methods, (*METHODS, *NETWORKS))
     methods = [name for name in config.methods or () if name not in NETWORKS]
     arrays, remarks, radar = [], list[str](), row.radar or Radar()
     for name in asked:
@@ -219,11 +224,8 @@ def choose_experiments(
     """(the experiments that apply, a line for each that does not).
 
     :param names: of :data:`NAMES`; None for all
-    :raises InputError: an unknown name, one that does not apply, none, a snapshot that no experiment looks at
+    :raises InputError: one that does not apply, a snapshot that no experiment looks at
     """
-    unknown = [repr(name) for name in names or () if name not in NAMES]
-    if unknown or (names is not None and not names):
-        raise InputError("--experiments", unknown[0] if unknown else "none", f"some of {', '.join(NAMES)}")
     every: dict[str, Experiment | None] = {**EXPERIMENTS, MEASURED: measured}
     wanted = {name: every[name] for name in NAMES if names is None or name in names}
     if measured is not None and MEASURED not in wanted:
