@@ -50,7 +50,7 @@ def main(
         for name, (ranking, errors) in kept.items():
             row(scene or "both", name, average_precision(ranking), bootstrap_mean(errors))
             below, error_below = kept[f"{array}, {REFERENCE}"]
-            if not name.startswith(FULL):
+            if not name.startswith(FULL) and not name.endswith(REFERENCE):
                 row(scene or "both", f"{name} less {REFERENCE}", average_precision(ranking, below),
                     bootstrap_mean(errors - error_below))  # fmt: skip
 
