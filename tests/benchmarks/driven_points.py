@@ -126,7 +126,8 @@ def cells_of(seen: Detections, radar: Radar) -> tuple[NDArray[np.intp], NDArray[
 
 
 def u_cells(radar: Radar) -> int:
-    return 2 * radar.array.channels // 2
+    """From u = -1 to 1: of 2 / C, what C channels half a wavelength apart resolve."""
+    return radar.array.channels
 
 
 def u_cell(u: NDArray[np.floating], radar: Radar) -> NDArray[np.intp]:

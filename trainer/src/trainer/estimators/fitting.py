@@ -106,6 +106,10 @@ class RangePlace:
     centre_m: NDArray[np.float64]
     step_m: float
 
+    def walk(self, array: LineArray) -> NDArray[np.float64]:
+        """[C] w_c, by which an echo at u = 1 is displaced in each channel [bins]."""
+        return 0.5 * array.positions_m / self.step_m
+
 
 @dataclass(frozen=True)
 class GroupTest:
@@ -135,8 +139,8 @@ def fit_groups(
     :param bins: [M] of each cell from the group's centre, 0 among them
     :param candidates: as of :func:`fit_lines`
     """
-    walk = 0.5 * array.positions_m / place.step_m
-    model = _model(array, line_threshold(array, test.first), line_threshold(array, test.further), walk)
+    thresholds = line_threshold(array, test.first), line_threshold(array, test.further)
+    model = _model(array, *thresholds, place.walk(array))
     thermal = row_powers(test.noise_power, len(cells))
     noise = _Noise(thermal, max(model_error_ratio(test.model_error_db), ROUNDING))
     return _fitted(np.asarray(cells, np.complex128), np.asarray(bins, np.int64), array, model, noise, candidates,
@@ -161,10 +165,8 @@ def _fitted(
     bend: NDArray[np.float64],
 ) -> FittedGroups:
     groups = len(cells)
-    # A Hann window's response at whole bins changes its sign from one to the next.
-    signs = 1.0 - 2.0 * (bins % 2)
-    white = np.linalg.inv(np.linalg.cholesky(hann_correlation(bins[:, None] - bins)))
-    whitened = np.einsum("mn,bnc->bmc", white * signs, cells).reshape(groups, len(bins) * array.channels)
+    white = whitening(bins)
+    whitened = np.einsum("mn,bnc->bmc", white * alternating(bins), cells).reshape(groups, len(bins) * array.channels)
     scale = np.abs(whitened).max(axis=1, initial=0.0)
     present = np.flatnonzero(scale > 0.0)
     x = whitened[present] / scale[present, None]
@@ -207,10 +209,26 @@ def hann_correlation(bins: NDArray[np.integer]) -> NDArray[np.float64]:
     return np.array([1.0, 2.0 / 3.0, 1.0 / 6.0, 0.0])[np.minimum(np.abs(bins), 3)]
 
 
+def hann_slope(x: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Derivative of :func:`hann_response` by x [1 / bin]: central differences, within 1e-7 of it."""
+    half_step = 1e-5
+    return (hann_response(x + half_step) - hann_response(x - half_step)) / (2.0 * half_step)
+
+
+def alternating(bins: NDArray[np.integer]) -> NDArray[np.float64]:
+    """[M] signs of a Hann window's response at whole bins, which change from one to the next."""
+    return np.asarray(1.0 - 2.0 * (bins % 2))
+
+
+def whitening(bins: NDArray[np.integer]) -> NDArray[np.float64]:
+    """[M, M] inverse of the Cholesky factor of the noise of these bins, after which least squares is likeliest."""
+    return np.linalg.inv(np.linalg.cholesky(hann_correlation(bins[:, None] - bins)))
+
+
 def _response_table() -> NDArray[np.float64]:
     """The response and its derivative as :class:`trainer.estimators.group_model.Model` has them."""
-    x, step = np.arange(RESPONSE_BINS * POINTS_A_BIN + 2) / POINTS_A_BIN, 1e-5
-    return np.stack([hann_response(x), (hann_response(x + step) - hann_response(x - step)) / (2.0 * step)])
+    x = np.arange(RESPONSE_BINS * POINTS_A_BIN + 2) / POINTS_A_BIN
+    return np.stack([hann_response(x), hann_slope(x)])
 
 
 def _model(array: LineArray, first: float, further: float, walk: NDArray[np.float64]) -> Model:

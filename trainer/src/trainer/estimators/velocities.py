@@ -16,7 +16,8 @@ is largest, and by the Cramer-Rao bound its variance is
     sigma^2 (A^H A)^-1_kk / (2 |s|^2 h'^T (W - W h h^T W / h^T W h) h')
 
 (h' the derivative by delta). Limits: the lines of a group are told apart by range and angle alone; what shares both and
-differs in velocity by less than two cells is one line here. A velocity is constant for a frame.
+differs in velocity by less than two cells is one line here. A velocity is constant for a frame. sigma^2 is the
+receiver's noise alone: what the model leaves out of an echo is alike in its three cells.
 """
 
 from __future__ import annotations
@@ -25,7 +26,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trainer.estimators.array import LineArray
-from trainer.estimators.fitting import FittedGroups, RangePlace, hann_correlation, hann_response
+from trainer.estimators.fitting import (
+    FittedGroups,
+    RangePlace,
+    alternating,
+    hann_correlation,
+    hann_response,
+    hann_slope,
+    whitening,
+)
 
 CELLS = np.array([-1, 0, 1])
 GRID = np.linspace(-1.0, 1.0, 81)
@@ -58,11 +67,10 @@ def velocity_offsets(
     """
     groups, lines = fitted.u.shape
     there = np.isfinite(fitted.u) & (np.abs(fitted.amplitude) > 0.0)
-    white = np.linalg.inv(np.linalg.cholesky(hann_correlation(bins[:, None] - bins)))
+    white = whitening(bins)
     response = _responses(bins, array, place, fitted, there)
     columns = np.einsum("mn,bnck->bmck", white, response).reshape(groups, -1, lines)
-    signs = (1.0 - 2.0 * (bins % 2))[:, None]
-    x = np.einsum("mn,ibnc->ibmc", white, signs * cells).reshape(3, groups, -1)
+    x = np.einsum("mn,ibnc->ibmc", white * alternating(bins), cells).reshape(3, groups, -1)
     adjoint = columns.conj().transpose(0, 2, 1)
     gram = adjoint @ columns
     diagonal = np.arange(lines)
@@ -83,7 +91,7 @@ def _responses(
     bend = array.bend_phase(place.centre_m)[..., None]
     phase = 2.0 * np.pi / array.wavelength_m * array.positions_m[:, None] * u + bend * u**2
     turn = np.exp(-1j * phase) * there[:, None]
-    walked = 0.5 * array.positions_m[:, None] / place.step_m * u - offset
+    walked = place.walk(array)[:, None] * u - offset
     return hann_response(bins[:, None, None] + walked[:, None]) * turn[:, None]
 
 
@@ -92,7 +100,7 @@ def _offsets(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(delta [N], its deviation [N]) of amplitudes [N, 3] and the variance [N] of their noise."""
     weight = np.linalg.inv(hann_correlation(CELLS[:, None] - CELLS))
-    s = amplitude * (1.0 - 2.0 * (CELLS % 2))
+    s = amplitude * alternating(CELLS)
     shape = hann_response(CELLS - GRID[:, None])
     against = s @ (shape @ weight).T
     power = np.abs(against) ** 2 / np.einsum("gi,ij,gj->g", shape, weight, shape)
@@ -102,9 +110,8 @@ def _offsets(
     bend = 2.0 * middle - left - right
     shift = np.clip(0.5 * (right - left) / np.where(bend > 0.0, bend, np.inf), -0.5, 0.5)
     delta = GRID[best] + shift * (GRID[1] - GRID[0])
-    step = 1e-4
-    h = hann_response(CELLS - delta[:, None])
-    slope = (hann_response(CELLS - delta[:, None] - step) - hann_response(CELLS - delta[:, None] + step)) / (2.0 * step)
+    away = CELLS - delta[:, None]
+    h, slope = hann_response(away), -hann_slope(away)
     level, lean = np.einsum("ni,ij,nj->n", h, weight, h), np.einsum("ni,ij,nj->n", h, weight, slope)
     power2 = np.abs(np.einsum("ni,ij,nj->n", h, weight, s) / level) ** 2
     told = 2.0 * power2 * (np.einsum("ni,ij,nj->n", slope, weight, slope) - lean**2 / level)

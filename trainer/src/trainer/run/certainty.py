@@ -8,8 +8,9 @@ that says at the line:
     P = 1 / (1 + exp(-(a + b L + c logit h)))
 
 (Platt, "Probabilistic outputs for support vector machines", 1999: the head's own h is the share of pixels that hold a
-peak of the truth, which few do). a, b and c are fitted to lines of simulated drives, of which the paths are known:
-docs/notes/points.md.
+peak of the truth, which few do). a, b and c are rounded means of what fits the lines of simulated drives best, of which
+the paths are known; ``python tests/benchmarks/driven_points.py`` prints them: docs/notes/points.md. Limit: lines of a
+board's phase noise are told from echoes by neither level nor head.
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ BY_LEVEL = (-1.2, 0.137, 0.0)
 BY_HEAD = (2.3, 0.057, 0.55)
 """(a, b, c) with one."""
 HIGHEST_DB = 45.0
-"""What is stronger is no more likely."""
+"""Beyond, a line is as often a ghost of a strong echo as an echo: what is stronger is no more likely."""
 LEAST = 1e-4
-"""Of h and of 1 - h."""
+"""Of h and of 1 - h: their logit stays finite, and heads of less do not differ."""
 
 
 def line_probability(snr_db: NDArray[np.float64], head: NDArray[np.floating] | None) -> NDArray[np.float64]:

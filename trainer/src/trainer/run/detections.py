@@ -150,7 +150,8 @@ def find_detections(
     found, part = [], []
     for peaks_at, members in _patterns(peak, row, cells, new):
         bins = np.array(list(peaks_at))
-        values = np.stack([snapshots[peaks_at[step], row[members] + step] for step in peaks_at], axis=1)
+        places = [(peaks_at[step], row[members] + step) for step in peaks_at]
+        values = np.stack([snapshots[place] for place in places], axis=1)
         at = RangePlace(range_m[row[members]], waveform.range_step_m)
         fitted = fit_groups(values, bins, array, at, candidates[members], test)
         power = np.mean(np.abs(values) ** 2, axis=2)
@@ -158,9 +159,7 @@ def find_detections(
         group, line = np.nonzero(np.abs(fitted.amplitude) > 0.0)
         shift = np.zeros(fitted.u.shape), np.full(fitted.u.shape, UNIFORM)
         if beside is not None:
-            below, above = (
-                np.stack([part[peaks_at[step], row[members] + step] for step in peaks_at], axis=1) for part in beside
-            )
+            below, above = (np.stack([cells_there[place] for place in places], axis=1) for cells_there in beside)
             shift = velocity_offsets(np.stack([below, values, above]), bins, array, at, fitted, sought.noise_power)
         columns = (fitted.u, fitted.offset, np.abs(fitted.amplitude), fitted.u_std, fitted.offset_std, *shift)
         found.append(np.stack([values[group, line] for values in columns]))

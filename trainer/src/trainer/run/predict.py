@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -114,7 +114,7 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
         if said := statement(answer.radar):
             announce(said)
         lists: list[tuple[int, Detections]] = []
-        drawn = None
+        drawn: Future[None] | None = None
         with (
             atomic(out / IMAGES) as partial,
             pq.ParquetWriter(partial, schema, compression="lz4") as writer,
