@@ -101,3 +101,17 @@ def test_lines_are_drawn_in_their_nearest_bin() -> None:
     amplitude = np.array([[9.0, 1.0, 2.0, 0.0], [3.0, 9.0, 4.0, 5.0]])
     np.testing.assert_array_equal(draw_lines(found, amplitude, array, u), [[1.0, 2.0, 0.0], [0.0, 5.0, 3.0]])
     assert draw_lines(found[:, :0], amplitude[:, :0], array, u).shape == (2, 3)
+
+
+@pytest.mark.parametrize("chosen", ["full", "sparse6"])
+def test_ghosts_of_single_elements_are_those_of_drawn_errors(chosen: str) -> None:
+    channels = choose_array(chosen, RADAR).channels(RADAR)
+    array, generator, apart = line_array(RADAR, channels), np.random.default_rng(2), np.linspace(0.05, 1.5, 12)
+    error = np.zeros((4000, 48), dtype=np.complex128)
+    for element in (RADAR.array.channel_tx, RADAR.array.channel_rx):
+        drawn = generator.standard_normal((4000, element.max() + 1, 2)) @ [0.5, 0.5j]
+        error += drawn[:, element]
+    np.testing.assert_allclose(np.mean(np.abs(error) ** 2), 1.0, rtol=0.05)
+    line = error[:, channels] @ array.manifold(-apart) / array.channels
+    np.testing.assert_allclose(array.ghost_share(apart), np.mean(np.abs(line) ** 2, axis=0), rtol=0.1)
+    assert not LineArray(array.positions_m, array.wavelength_m).ghost_share(apart).any()

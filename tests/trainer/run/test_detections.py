@@ -36,13 +36,13 @@ STEP = RADAR.waveform.range_step_m
 
 
 def detect(
-    snapshots: NDArray[np.complexfloating], velocity: NDArray[np.floating], probability=None, false_alarms=1.0
+    snapshots: NDArray[np.complexfloating], velocity: NDArray[np.floating], probability=None, **sought: float
 ) -> Detections:
     """From delay-and-sum images of snapshots [D, R, C]."""
     chosen = snapshots[..., CHANNELS]
     image = np.stack([ESTIMATORS["das"]().image(peak, ARRAY, U, NOISE) for peak in chosen])
     cells = Cells(chosen, velocity)
-    return find_detections(image, probability, cells, RADAR, ARRAY, Sought(NOISE, false_alarms=false_alarms))
+    return find_detections(image, probability, cells, RADAR, ARRAY, Sought(NOISE, **sought))
 
 
 def at_rest(ranges: list[float], u: list[float], snr_db: list[float], seed: int = 0) -> NDArray[np.complex64]:
@@ -73,6 +73,24 @@ def test_each_target_is_one_detection_where_it_stands() -> None:
     assert ((found.probability > 0.5) & (found.probability < 1.0)).all()
     assert np.argmax(found.snr_db) == np.argmax(found.probability) == 0
     assert not found.velocity.any()
+
+
+def test_elements_that_err_make_no_ghosts_for_who_is_told_of_it() -> None:
+    """-20 dB by errors of TX and RX, of which lines are found at the reflector's range where nobody is told."""
+    ghosts = {-30.0: 0, -20.0: 0}
+    for seed in range(4):
+        generator = np.random.default_rng(seed)
+        error = np.ones(48, dtype=np.complex128)
+        for element in (RADAR.array.channel_tx, RADAR.array.channel_rx):
+            drawn = generator.standard_normal((element.max() + 1, 2)) @ [0.5, 0.5j]
+            error += 0.1 * drawn[element]
+        seen = at_rest([150.2, 300.0], [0.1, -0.5], [50.0, 20.0], seed) * error
+        for told in ghosts:
+            found = detect(seen, np.zeros((1, 630)), model_error_db=told)
+            assert (np.abs(found.u[0] - 0.1), np.abs(found.range_m / STEP - 300.0).min()) < (0.01, 0.6)
+            ghosts[told] += int((np.abs(found.range_m / STEP - 150.2) < 1.0).sum()) - 1
+    assert ghosts[-30.0] >= 8
+    assert ghosts[-20.0] == 0
 
 
 def test_range_is_interpolated_where_both_neighbours_show_the_target() -> None:

@@ -45,12 +45,14 @@ class LineArray:
     :param positions_m: [C] y_tx + y_rx of each virtual channel relative to the radar's origin [m]
     :param wavelength_m: at mid-sweep [m]
     :param bend_m2: [C] q_c [m^2]; None for plane waves
+    :param elements: [2, C] numbers of each channel's TX and RX; None where they are not known
     :raises InputError: no element, a position that is not finite, a wavelength that is not positive
     """
 
     positions_m: NDArray[np.float64]
     wavelength_m: float
     bend_m2: NDArray[np.float64] | None = None
+    elements: NDArray[np.intp] | None = None
 
     def __post_init__(self) -> None:
         positions = np.asarray(self.positions_m, dtype=np.float64)
@@ -104,6 +106,26 @@ class LineArray:
         bend = np.zeros(self.channels) if self.bend_m2 is None else self.bend_m2
         return 2.0 * np.pi / self.wavelength_m * bend / np.asarray(range_m, dtype=np.float64)[..., None]
 
+    def ghost_share(self, apart: NDArray[np.floating]) -> NDArray[np.float64]:
+        """[N] power of a line ``apart`` in u from an echo, by errors of single elements, over echo and model error.
+
+        Let each channel err by the sum of what its TX and its RX err, independent of each other, of equal power, and of
+        the share e of the echo's power P together. The best line at a distance d in u from the echo is then
+        s = mean_c err_c exp(j k d p_c), and
+
+            E |s|^2 / (e P) = 1 / (2 C^2) (sum_TX |sum_c exp(j k d p_c)|^2 + sum_RX |sum_c exp(j k d p_c)|^2)
+
+        with the inner sums over the channels of one TX or one RX. Errors independent from channel to channel would give
+        1 / C; here the lobes of the smaller array stand in it, up to 1 / (2 TX) and 1 / (2 RX). 0 where the elements
+        are not known.
+        """
+        share = np.zeros(len(apart))
+        turned = self.manifold(apart)
+        for element in () if self.elements is None else self.elements:
+            of_one = np.equal.outer(np.unique(element), element)
+            share += np.sum(np.abs(of_one @ turned) ** 2, axis=0)
+        return share / (2.0 * self.channels**2)
+
 
 def line_array(radar: Radar, channels: NDArray[np.intp] | None = None) -> LineArray:
     """The virtual elements of a radar, in its rx-major channel order.
@@ -112,7 +134,8 @@ def line_array(radar: Radar, channels: NDArray[np.intp] | None = None) -> LineAr
     """
     array, used = radar.array, slice(None) if channels is None else channels
     bend = 0.5 * (array.tx[array.channel_tx, 1] ** 2 + array.rx[array.channel_rx, 1] ** 2)
-    return LineArray(array.virtual[used, 1], radar.waveform.wavelength_m, bend[used])
+    elements = np.stack([array.channel_tx, array.channel_rx])[:, used]
+    return LineArray(array.virtual[used, 1], radar.waveform.wavelength_m, bend[used], elements)
 
 
 def scan_axis(array: LineArray, u: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
