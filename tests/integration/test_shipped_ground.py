@@ -41,7 +41,8 @@ def source_of(scene: str) -> str:
 def seen_of(name: str) -> set[SceneRecord]:
     """The scenes of this name that any shipped network was first trained on."""
     starts = [read_run(pretrained_run(network)).start for network in pretrained_names()]
-    seen = (data for start in starts if start is not None for data in start.trained_on)
+    # In the order of training: what comes later are drives.
+    seen = (start.trained_on[0] for start in starts if start is not None)
     return {scene for data in seen for scene in data.scenes or () if scene.name == name}
 
 
