@@ -109,7 +109,7 @@ def evaluated(folder: Path) -> Any:
 
 def rendered(folder: Path) -> Any:
     stored = stored_paths(Order(radar=load_radar(str(folder.parent / "radar.toml"))), TracedFolder.opened(folder))
-    shards = list(dict.fromkeys(shard for shard, _ in stored.places))
+    shards = list(dict.fromkeys(row.shard for row in stored.rows))
     return stored, [frame for shard in shards for frame in read_paths(shard)]
 
 

@@ -11,7 +11,7 @@ from factory_command import but_made, shards
 from sionna_scenes import box
 
 from datafactory import Report, RunFailed, render
-from datafactory.frame.deal import split_of
+from datafactory.frame.index import split_of
 from datafactory.run import pipeline, portions
 from datafactory.run.engines import Local
 from datafactory.run.portions import Rows

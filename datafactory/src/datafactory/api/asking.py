@@ -23,8 +23,8 @@ from datafactory.api.options import (
 from datafactory.defaults import DEFAULT_BUDGET_DB, DEFAULT_DEPTH, DEFAULT_PATTERN, DEFAULT_RAYS
 from datafactory.effects.catalogue import parse_effects
 from datafactory.frame.chain import ChainSettings
-from datafactory.frame.deal import parse_split_pattern
 from datafactory.frame.device import device_of
+from datafactory.frame.index import parse_split_pattern
 from datafactory.frame.measurement import Processing
 from datafactory.frame.points import PointTargets, read_targets
 from datafactory.paths.solver import TraceSettings

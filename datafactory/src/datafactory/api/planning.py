@@ -78,11 +78,10 @@ def plan(asked: PlanOptions) -> tuple[ScenePlan, ...]:
     select_variant(order.settings.device)
     set_threads(1)
     with threadpool_limits(limits=1):
-        prepared = prepare(order, table, asked.announce)
-        deal = prepared.deal
+        job = prepare(order, table, asked.announce).job
         return tuple(
-            _planned(order, scene, [deal.frame(n) for n in spread(deal.frames_of(index))], asked)
-            for index, scene in enumerate(prepared.scenes)
+            _planned(order, scene, [job.deal.frame(n) for n in spread(job.deal.frames_of(index))], asked)
+            for index, scene in enumerate(job.scenes)
         )
 
 

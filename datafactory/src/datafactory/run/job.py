@@ -17,7 +17,6 @@ from datafactory.paths.storage import to_row, writer_options
 from datafactory.run.memory import Load
 from datafactory.run.shards import PATHS, ShardPlan, frame_options, plan_shards
 from shared.dataset import to_record_batch
-from shared.dataset.locations import Location
 from shared.radar import Radar
 
 Value = TypeVar("Value")
@@ -30,10 +29,9 @@ class Job:
     :param deal: which frame is which
     :param scenes: those that are traced; none where paths were traced before
     :param settings: of point frames; :param of_scenes: of scene frames
-    :param stored: shard and row of every scene frame whose paths were traced before
     :param schema_message: Arrow's schema message; a pickled :class:`pyarrow.Schema` forgets that the elements of its
         lists are never null, which would cost every reader a quarter of its time
-    :param split: pattern by which frames are split; None where the rows are traced paths
+    :param paths_alone: whether the rows are traced paths; otherwise frames
     """
 
     radar: Radar
@@ -41,14 +39,8 @@ class Job:
     scenes: tuple[PreparedScene, ...]
     settings: ChainSettings
     of_scenes: ChainSettings
-    stored: tuple[tuple[Location, int], ...]
     schema_message: bytes
-    split: str | None
-
-    @property
-    def paths_alone(self) -> bool:
-        """Whether the rows are traced paths; otherwise frames."""
-        return self.split is None
+    paths_alone: bool
 
     @property
     def plans(self) -> tuple[ShardPlan, ...]:
@@ -69,7 +61,7 @@ class Job:
     def load(self) -> Load:
         """What decides over the memory of a process that makes its frames."""
         triangles = sum(len(mesh.triangles) for scene in self.scenes for mesh in scene.merged.meshes)
-        rays = self.settings.trace.rays if self.stored else 0
+        rays = self.settings.trace.rays if self.deal.stored else 0
         return Load(self.radar, self.settings, triangles, traced=bool(self.scenes), stored_rays=rays)
 
     def source(self, frame_id: int) -> Source:
@@ -77,8 +69,8 @@ class Job:
         frame = self.deal.frame(frame_id)
         if frame.kind == "points":
             return PointSource(frame, self.settings)
-        if self.stored:
-            return StoredSource(*self.stored[frame_id], self.of_scenes)
+        if frame.stored is not None:
+            return StoredSource(frame.stored, self.of_scenes)
         return SceneSource(frame, self.scenes[frame.scene], self.of_scenes)
 
     def rows(self, frame_ids: Sequence[int], at: Hook) -> Iterator[tuple[pa.RecordBatch, Counter[str]]]:

@@ -149,8 +149,9 @@ def _require_answer(address: str) -> None:
 
 def _as_seen_from_anywhere(work: PortionWork) -> PortionWork:
     """The folder that a command runs in is not that of a node's processes."""
-    stored = tuple((absolute(path), row) for path, row in work.job.stored)
-    return replace(work, job=replace(work.job, stored=stored))
+    deal = work.job.deal
+    stored = tuple(replace(row, shard=absolute(row.shard)) for row in deal.stored)
+    return replace(work, job=replace(work.job, deal=replace(deal, stored=stored)))
 
 
 class RayEngine:

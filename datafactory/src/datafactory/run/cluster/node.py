@@ -118,7 +118,7 @@ def _ready_for(given: Any) -> PortionWork:
         read: Given = pickle.loads(ray.get(given))
     except (ImportError, AttributeError) as error:  # a class of the user's own, say a target's
         raise InputError("--engine", f"{where()} lacks what this run needs: {error}", "it on all nodes") from error
-    for path in {path for path, _ in read.work.job.stored}:
+    for path in {row.shard for row in read.work.job.deal.stored}:
         if file_size(path) is None:
             problem = f"node {where()} has no file {path}"
             raise InputError("--paths", problem, "a folder that every node sees under the same name")
