@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from datafactory.api.declared import Options, common
 from datafactory.api.options import (
     MaterialsLike,
     OrderOptions,
@@ -23,13 +22,14 @@ from datafactory.api.options import (
 from datafactory.defaults import DEFAULT_BUDGET_DB, DEFAULT_DEPTH, DEFAULT_PATTERN, DEFAULT_RAYS
 from datafactory.effects.catalogue import parse_effects
 from datafactory.frame.chain import ChainSettings
+from datafactory.frame.deal import StoredRow
 from datafactory.frame.device import device_of
 from datafactory.frame.index import parse_split_pattern
 from datafactory.frame.measurement import Processing
 from datafactory.frame.points import PointTargets, read_targets
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.card import stated_licence
-from datafactory.run.order import Order, TracedFolder
+from datafactory.run.order import Order, stored_paths
 from datafactory.scenes.drives import WORD, Drives, parse_drives
 from datafactory.scenes.materials.table import MaterialTable, load_materials
 from datafactory.scenes.poses import Pose, Speeds, checked_speeds, parse_speeds, read_poses
@@ -164,14 +164,12 @@ def targets_of(targets: TargetsLike) -> tuple[PointTargets, ...]:
     return read_targets(Path(targets)) if isinstance(targets, str | Path) else tuple(targets)
 
 
-def order_of(given: Options, synthesis: bool = True) -> Order:
+def order_of(asked: OrderOptions, synthesis: bool = True) -> Order:
     """The order of a run.
 
-    :param given: of a function or a command; what it does not have of :class:`OrderOptions` is as usual
     :param synthesis: whether signals will be made, and not paths alone
     :raises InputError: a file that cannot be read, options that exclude each other, nothing to render
     """
-    asked = common(OrderOptions, given)
     traced = asked.paths is not None
     scenes = scenes_of(asked.scenes, asked, asked.seed)
     if scenes and traced:
@@ -189,17 +187,19 @@ def order_of(given: Options, synthesis: bool = True) -> Order:
         raise InputError("--scene", "missing", "a scene file or sionna:NAME, or --paths")
     if not (of_scenes or traced or asked.points or targets):
         raise InputError("--frames", "0 and --points 0: nothing to render", "at least one frame")
-    folder = None if asked.paths is None else TracedFolder.opened(locate(asked.paths))
-    split = asked.split if asked.split is not None or folder is None else folder.split
-    effects = asked.effects if isinstance(asked.effects, str) else ",".join(asked.effects)
+    effects = parse_effects(asked.effects if isinstance(asked.effects, str) else ",".join(asked.effects))
+    radar, folder, rows = radar_of(asked.radar), None, tuple[StoredRow, ...]()
+    if asked.paths is not None:
+        folder, rows = stored_paths(locate(asked.paths), radar, asked.split, effects)
     return Order(
-        radar=radar_of(asked.radar),
+        radar=radar,
         scenes=scenes if of_scenes else (),
         traced=folder,
+        stored=rows,
         frames=frames,
         points=0 if targets else asked.points,
         seed=asked.seed,
-        split=split or DEFAULT_PATTERN,
+        split=asked.split or (folder and folder.split) or DEFAULT_PATTERN,
         poses=poses,
         tracks=tracks,
         drives=drives if asked.frames else None,
@@ -210,7 +210,7 @@ def order_of(given: Options, synthesis: bool = True) -> Order:
             processing=Processing(noise=asked.noise, store=asked.store, truth_window=asked.truth_window),
             device=device_of(asked.device, bool(scenes), synthesis),
         ),
-        effects=parse_effects(effects),
+        effects=effects,
         budget_db=asked.error_budget or DEFAULT_BUDGET_DB,
         licence=stated_licence(asked.license),
     )

@@ -22,8 +22,8 @@ from datafactory.run.memory import (
     processes,
     statement,
 )
-from datafactory.run.order import Order, stored_paths
-from datafactory.run.preparation import deal_of_stored, load_of, opened_scenes
+from datafactory.run.order import Order
+from datafactory.run.preparation import load_of, opened_scenes
 from datafactory.run.shards import plan_shards
 from shared.dataset.locations import Location, RemotePath
 from shared.processes.machine import usable_memory
@@ -84,13 +84,10 @@ def forecast(order: Order, directory: Location, workers: int, shard: str | None 
     :param shard: of :func:`datafactory.render`: what this job will take
     :raises InputError: what a run would refuse of its scenes, poses and split
     """
-    scenes = opened_scenes(order) if order.traced is None else []
-    if order.traced is None:
-        deal = dealt(order, scenes)
-        for frame_id in {deal.frames_of(number)[0] for number in range(len(scenes)) if deal.frames_of(number)}:
-            deal.frame(frame_id)  # a scene without free ground is refused here
-    else:
-        deal = deal_of_stored(order, stored_paths(order, order.traced))
+    scenes = opened_scenes(order)
+    deal = dealt(order, scenes)
+    for frame_id in {deal.frames_of(number)[0] for number in range(len(scenes)) if deal.frames_of(number)}:
+        deal.frame(frame_id)  # a scene without free ground is refused here
     splits, scene_frames = deal.splits(), deal.scene_frames
     settings, waveform, channels = order.settings, order.radar.waveform, order.radar.array.channels
     rays = float(settings.trace.rays)

@@ -14,14 +14,14 @@ from typing import TypeAlias
 from datafactory.accuracy.budget import check, settle
 from datafactory.accuracy.knobs import Menu, menu_for
 from datafactory.api.asking import materials_of, order_of
-from datafactory.api.declared import taking
-from datafactory.api.options import ConvertOptions, MergeOptions, Progress, RenderOptions, TraceOptions
+from datafactory.api.declared import common, taking
+from datafactory.api.options import ConvertOptions, MergeOptions, OrderOptions, Progress, RenderOptions, TraceOptions
 from datafactory.defaults import AUTO_DEVICE, CPU, CUDA, LOCAL
 from datafactory.run import merging, pipeline
 from datafactory.run.array_job import OPTION, parse_job
-from datafactory.run.engines import opened
 from datafactory.run.order import Order
 from datafactory.run.pipeline import Execution, Report
+from datafactory.run.portions import opened
 from datafactory.scenes.materials.table import MaterialTable
 from datafactory.scenes.scene import Scene
 from shared.dataset.folder import open_dataset
@@ -75,7 +75,7 @@ def trace(asked: TraceOptions) -> Report:
     :func:`datafactory.render`.
     """
     menu = None if asked.error_budget is None else menu_for(asked.rays, asked.depth).of_paths()
-    return _made(asked, order_of(asked, synthesis=False), menu, pipeline.trace_paths)
+    return _made(asked, order_of(common(OrderOptions, asked), synthesis=False), menu, pipeline.trace_paths)
 
 
 def _made(asked: RenderOptions | TraceOptions, order: Order, menu: Menu | None, make: Make) -> Report:

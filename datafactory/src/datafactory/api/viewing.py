@@ -9,7 +9,6 @@ from datafactory.api.declared import common, taking
 from datafactory.api.options import OrderOptions, ViewOptions
 from datafactory.frame.chain import SceneSource, StoredSource, narrowed
 from datafactory.paths.backend import select_variant, set_threads
-from datafactory.run.order import stored_paths
 from datafactory.run.preparation import prepare, prepared_scene
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.traffic.population import recorded
@@ -67,11 +66,10 @@ def _traced_before(asked: ViewOptions, folder: Location) -> Subject:
     """The frame of a row of stored paths, in the scene that the manifest names, or in that one from elsewhere."""
     order = order_of(OrderOptions(None, paths=folder, radar=asked.radar, frames=0))
     assert order.traced is not None  # by its paths
-    stored = stored_paths(order, order.traced)
-    _require_frame(asked.frame, len(stored.rows))
-    traced = StoredSource(stored.rows[asked.frame], order.of_scenes).traced(order.radar)
+    _require_frame(asked.frame, len(order.stored))
+    traced = StoredSource(order.stored[asked.frame], order.of_scenes).traced(order.radar)
     _, paths = narrowed(traced, order.of_scenes, order.radar)
-    entry = stored.entries[traced.scene_number]
+    entry = order.traced.entries[traced.scene_number]
     (given,) = scenes_of(asked.scene, asked, asked.seed) or (entry.get("source", ""),)
     opened = given if isinstance(given, Scene) else recorded(entry, str(given))
     if opened.content_hash() != entry.get("content_sha256"):

@@ -150,6 +150,8 @@ class Wanted:
     :param tracks: sequences of scene frames, each at these poses, instead of drawn ones
     :param drives: draw sequences, of ``frames`` frames in all
     :param speeds: ends of the speed of drawn poses, or of the drives' cruising speed; None: each kind's own
+    :param stored: every scene frame, where their paths were traced before; a row says which frame and scene it is, and
+        is believed
     :param points: close-target frames after the scene frames
     :param targets: frames of exactly these targets, instead of drawn ones
     """
@@ -161,6 +163,7 @@ class Wanted:
     tracks: tuple[tuple[Pose, ...], ...] = ()
     drives: Drives | None = None
     speeds: Speeds | None = None
+    stored: tuple[StoredRow, ...] = ()
     points: int = 0
     targets: tuple[PointTargets, ...] = ()
 
@@ -169,10 +172,10 @@ class Wanted:
         """Every pose that was given, of tracks one after the other; empty where they are drawn."""
         return self.poses or tuple(pose for track in self.tracks for pose in track)
 
-    @property
+    @cached_property
     def scene_frames(self) -> int:
-        """Number of scene frames, but for those of stored paths."""
-        return len(self.given) or self.frames
+        """Number of scene frames."""
+        return len(self.stored) or len(self.given) or self.frames
 
     def __len__(self) -> int:
         return self.scene_frames + (len(self.targets) or self.points)
@@ -191,20 +194,12 @@ class Deal(Wanted):
     :param track_scenes: number of the scene of every track
     :param grounds: where poses are drawn, one a scene; empty where they are given
     :param traffic: of every scene: in a populated one a drawn frame has a time of its own
-    :param stored: every scene frame, where their paths were traced before; a row says which frame and scene it is, and
-        is believed
     """
 
     scenes: int = 0
     track_scenes: tuple[int, ...] = ()
     grounds: tuple[Ground, ...] = field(default=(), repr=False)
     traffic: tuple[Movers, ...] = field(default=(), repr=False)
-    stored: tuple[StoredRow, ...] = ()
-
-    @property
-    def scene_frames(self) -> int:
-        """Number of scene frames."""
-        return len(self.stored) or len(self.poses) or (self._ends[-1] if self._ends else self.frames)
 
     @cached_property
     def _ends(self) -> tuple[int, ...]:

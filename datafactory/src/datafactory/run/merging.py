@@ -17,8 +17,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from datafactory.defaults import LOCAL
 from datafactory.run.array_job import ARGUMENT, ENTRY, ArrayJob, JobEntry, is_job_folder, parse_job
-from datafactory.run.engines import LOCAL
 from datafactory.run.memory import free_bytes
 from datafactory.run.pipeline import Report, total_counts
 from datafactory.run.progress import (

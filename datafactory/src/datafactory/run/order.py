@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from datafactory.defaults import DEFAULT_BUDGET_DB, DEFAULT_RAYS
+from datafactory.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN, DEFAULT_RAYS
 from datafactory.effects.catalogue import ALL, PATH_EFFECTS, EffectSet
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.deal import StoredRow, Wanted
@@ -24,35 +24,19 @@ from shared.radar import Radar, validated
 
 
 @dataclass(frozen=True)
-class TracedFolder:
-    """A folder that ``datafactory trace`` wrote, its manifest read.
+class Traced:
+    """What a folder that ``datafactory trace`` wrote says of its frames together.
 
-    :param split: pattern that its paths were traced with; None where the manifest says nothing of the kind
-    :param rays: of a frame that they were traced with, or the usual number where it says nothing of the kind
+    :param split: pattern that they were traced with; None where its manifest says none
+    :param rays: of a frame
+    :param entries: the manifest's ``scenes``
+    :param checksums: SHA-256 of the shards
     """
 
-    folder: Location
-    manifest: dict[str, Any]
-
-    @staticmethod
-    def opened(folder: Location) -> TracedFolder:
-        """:raises InputError: no manifest there, or a damaged one"""
-        return TracedFolder(folder, read_manifest(folder))
-
-    @property
-    def split(self) -> str | None:
-        split = self._argument("split")
-        return split if isinstance(split, str) else None
-
-    @property
-    def rays(self) -> int:
-        trace = self._argument("trace")
-        rays = trace.get("rays") if isinstance(trace, dict) else None
-        return rays if isinstance(rays, int) else DEFAULT_RAYS
-
-    def _argument(self, name: str) -> Any:
-        arguments = self.manifest.get("arguments")
-        return arguments.get(name) if isinstance(arguments, dict) else None
+    split: str | None
+    rays: int
+    entries: list[dict[str, Any]]
+    checksums: tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +44,7 @@ class Order(Wanted):
     """What the user asked for: which frames, of what, and how they are made.
 
     :param scenes: ``--scene`` arguments, or scenes that were read before
-    :param traced: folder of :func:`datafactory.run.pipeline.trace_paths`, instead of scenes
+    :param traced: of the folder that ``stored`` lies in, instead of scenes
     :param settings: how a frame is made, with every effect
     :param effects: what is simulated of the scenes; None for what each frame calls for
     :param budget_db: what leaving effects out of a frame may change then
@@ -69,7 +53,7 @@ class Order(Wanted):
 
     radar: Radar
     scenes: tuple[str | Scene, ...] = ()
-    traced: TracedFolder | None = None
+    traced: Traced | None = None
     settings: ChainSettings = field(default_factory=ChainSettings)
     effects: EffectSet | None = None
     budget_db: float = DEFAULT_BUDGET_DB
@@ -84,58 +68,57 @@ class Order(Wanted):
         return replace(every, budget_db=self.budget_db, below_noise=self.settings.processing.noise)
 
 
-@dataclass(frozen=True)
-class StoredPaths:
-    """A folder of traced paths.
-
-    :param rows: of every frame, by frame index
-    :param entries: the manifest's ``scenes``
-    :param checksums: SHA-256 of the shards
-    """
-
-    rows: tuple[StoredRow, ...]
-    entries: list[dict[str, Any]]
-    checksums: tuple[str, ...]
-
-
 class _Radar(BaseModel):
     front_end: dict[str, Any]
+
+
+class _Trace(BaseModel):
+    rays: int = DEFAULT_RAYS
 
 
 class _Arguments(BaseModel):
     radar: _Radar
     effects: tuple[str, ...]
+    split: str | None = None
+    trace: _Trace = _Trace()
+    poses: list[Any] = []
+    tracks: list[Any] = []
 
 
-class _Traced(BaseModel):
+class _Manifest(BaseModel):
     """What rendering needs to know of a manifest of traced paths."""
 
     arguments: _Arguments
+    scenes: list[dict[str, Any]]
 
 
-def stored_paths(order: Order, traced_folder: TracedFolder) -> StoredPaths:
-    """The paths of a folder, with the effects that they were traced with, or those asked for where they hold them.
+def stored_paths(
+    folder: Location, radar: Radar, split: str | None, effects: EffectSet | None
+) -> tuple[Traced, tuple[StoredRow, ...]]:
+    """A folder of traced paths: what it says of them, and the row of every frame, by frame index.
 
+    :param split: pattern that is asked for; None for that of the trace
+    :param effects: that are asked for; None for those that the paths were traced with
     :raises InputError: a folder without traced paths, of another version or polarisation, or whose paths were traced
-        without what ``order.effects`` asks for
+        with other regions or without the effects that are asked for
     """
-    folder, manifest = traced_folder.folder, traced_folder.manifest
-    all_records = shard_records(folder / MANIFEST, manifest)
-    records = [record for record in all_records if record.path.startswith(f"{PATHS}/")]
+    path, manifest = folder / MANIFEST, read_manifest(folder)
+    records = [record for record in shard_records(path, manifest) if record.path.startswith(f"{PATHS}/")]
     if not records:
         raise InputError(folder, "holds no traced paths", "a folder written by datafactory trace")
-    understood = validated(_Traced, manifest, folder / MANIFEST)
-    traced, entries = understood.arguments.radar.front_end, manifest["scenes"]
-    _require_same_regions(folder, manifest["arguments"], order.split)
+    understood = validated(_Manifest, manifest, path)
+    arguments = understood.arguments
+    _require_same_regions(folder, arguments, split or arguments.split or DEFAULT_PATTERN)
     for end in ("tx_polarization", "rx_polarization"):
-        before, wanted = traced.get(end, "V"), getattr(order.radar.front_end, end)
+        before, wanted = arguments.radar.front_end.get(end, "V"), getattr(radar.front_end, end)
         if before != wanted:
             problem = f"paths were traced with {end} = {before!r}, the radar has {wanted!r}"
             raise InputError(folder, problem, "the same polarisation, or datafactory trace with this radar")
-    if order.effects is not None:
-        _require_same_paths(folder, EffectSet.of(set(understood.arguments.effects)), order.effects)
-    rows = _rows(folder, records, len(entries))
-    return StoredPaths(rows, entries, tuple(record.sha256 for record in records))
+    if effects is not None:
+        _require_same_paths(folder, EffectSet.of(set(arguments.effects)), effects)
+    rows = _rows(folder, records, len(understood.scenes))
+    checksums = tuple(record.sha256 for record in records)
+    return Traced(arguments.split, arguments.trace.rays, manifest["scenes"], checksums), rows
 
 
 def _rows(folder: Location, records: Sequence[ShardRecord], scenes: int) -> tuple[StoredRow, ...]:
@@ -155,10 +138,10 @@ def _rows(folder: Location, records: Sequence[ShardRecord], scenes: int) -> tupl
     return tuple(found[frame_id] for frame_id in range(len(found)))
 
 
-def _require_same_regions(folder: Location, arguments: dict[str, Any], split: str) -> None:
+def _require_same_regions(folder: Location, arguments: _Arguments, split: str) -> None:
     """Drawn poses stand in the region of their frame's split: another split would test where was trained."""
-    traced = arguments.get("split")
-    if not (arguments.get("poses") or arguments.get("tracks")) and traced != split:
+    traced = arguments.split
+    if not (arguments.poses or arguments.tracks) and traced != split:
         problem = f"{split!r}: the poses of {folder} were drawn in the regions of {traced!r}, and would change sides"
         raise InputError("--split", problem, f"--split {traced}, or datafactory trace with this split")
 

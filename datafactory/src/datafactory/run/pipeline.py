@@ -12,13 +12,14 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 
+from datafactory.defaults import LOCAL
 from datafactory.effects.catalogue import ALL
 from datafactory.paths.trace import find_shapes
 from datafactory.run.array_job import ARGUMENT, ENTRY, ArrayJob, JobEntry
-from datafactory.run.engines import LOCAL, Engine, Local
+from datafactory.run.job import PortionWork
 from datafactory.run.memory import processes_ahead, require_room, workers_for
 from datafactory.run.order import Order
-from datafactory.run.portions import PortionWork, Writer, deal_out
+from datafactory.run.portions import Engine, Local, Writer, deal_out
 from datafactory.run.preparation import Recipe, load_of, opened_scenes, prepare
 from datafactory.run.progress import FinishedShard, begin, claimed, completed, fingerprint, finish, handed_over
 from datafactory.run.shards import portions_of, provenance
@@ -160,10 +161,8 @@ def trace_paths(order: Order, table: MaterialTable, execution: Execution) -> Rep
 def _ahead(order: Order, execution: Execution) -> AbstractContextManager[None]:
     """Workers get ready while scenes are opened: libraries take as long."""
     device = order.settings.device
-    count = processes_ahead(execution.workers, device)
-    if order.traced is None:
-        return execution.engine.ahead(min(count, len(order)), device if order.scenes else None)
-    return execution.engine.ahead(count, None)
+    count = min(processes_ahead(execution.workers, device), len(order))
+    return execution.engine.ahead(count, device if order.scenes else None)
 
 
 def _fitted(order: Order, execution: Execution, rendered: bool = True) -> tuple[Order, Execution]:

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from datafactory.effects.catalogue import ALL, NO_CHOICE
-from datafactory.frame.deal import Deal, PreparedScene, Wanted, dealt
+from datafactory.frame.deal import PreparedScene, dealt
 from datafactory.frame.points import PointTargets, rayleigh_length
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.storage import paths_schema
 from datafactory.run.job import Job
 from datafactory.run.memory import Load
-from datafactory.run.order import Order, StoredPaths, stored_paths
+from datafactory.run.order import Order
 from datafactory.scenes.boxes import boxed_things
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
 from datafactory.scenes.poses import Pose
@@ -53,22 +53,19 @@ def prepare(
     :param paths_alone: for a folder of traced paths in place of a dataset of frames
     :raises InputError: whatever is wrong with a scene or with a folder of traced paths
     """
-    scenes, stored = tuple[PreparedScene, ...](), None
-    if order.traced is not None:
-        stored = stored_paths(order, order.traced)
-        deal, entries = deal_of_stored(order, stored), stored.entries
-    else:
-        if said := _named_in_vain(order):
+    if said := _named_in_vain(order):
+        announce(said)
+    opened = opened_scenes(order)
+    scenes = tuple(prepared_scene(scene, table, announce) for scene in opened)
+    deal = dealt(order, opened)
+    given = deal.given
+    for said in (*(_late_poses(scene, given) for scene in opened), *deal.remarks()):
+        if said:
             announce(said)
-        opened = opened_scenes(order)
-        scenes = tuple(prepared_scene(scene, table, announce) for scene in opened)
-        deal = dealt(order, opened)
-        given = deal.given
-        for said in (*(_late_poses(scene, given) for scene in opened), *deal.remarks()):
-            if said:
-                announce(said)
-        entries = [_entry(source, scene.materials) for source, scene in zip(opened, scenes, strict=True)]
-    arguments = _arguments(order, scenes, stored)
+    arguments = _arguments(order, scenes)
+    entries = [_entry(source, scene.materials) for source, scene in zip(opened, scenes, strict=True)]
+    if order.traced is not None:
+        entries = order.traced.entries
     manifest = {"arguments": arguments, "scenes": entries}
     if paths_alone:
         schema = paths_schema()
@@ -159,15 +156,7 @@ def load_of(order: Order, scenes: Sequence[Scene], rendered: bool = True) -> Loa
     )
 
 
-def deal_of_stored(wanted: Wanted, stored: StoredPaths) -> Deal:
-    """How the frames of paths that were traced before are dealt: as their rows say."""
-    return Deal(
-        seed=wanted.seed, split=wanted.split, points=wanted.points, targets=wanted.targets,
-        scenes=len(stored.entries), stored=stored.rows,
-    )  # fmt: skip
-
-
-def _arguments(order: Order, scenes: Sequence[PreparedScene], stored: StoredPaths | None) -> dict[str, Any]:
+def _arguments(order: Order, scenes: Sequence[PreparedScene]) -> dict[str, Any]:
     """What of an order determines the bytes, by the names that the user knows."""
     common = {
         "effects": "auto" if order.effects is None else order.effects.names,
@@ -180,8 +169,8 @@ def _arguments(order: Order, scenes: Sequence[PreparedScene], stored: StoredPath
         "device": order.settings.device,
         "versions": {name: version(name) for name in ("sparseradar-datafactory", "sionna-rt")},
     }
-    if stored is not None:
-        return {**common, "paths": list(stored.checksums)}
+    if order.traced is not None:
+        return {**common, "paths": list(order.traced.checksums)}
     return {
         **common,
         "scenes": [{"scene": scene.name, "content": scene.content} for scene in scenes],
@@ -221,7 +210,7 @@ def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> Pr
 
 def _named_in_vain(order: Order) -> str:
     """What to say of effects that were chosen and are no choice; "" without such."""
-    if order.effects is None or order.effects == ALL:
+    if order.effects is None or order.effects == ALL or order.traced is not None:
         return ""
     named = ", ".join(name for name in NO_CHOICE if getattr(order.effects, name))
     return f"--effects: {named} made no difference: simulated wherever something to work on is" if named else ""

@@ -180,7 +180,7 @@ def provenance(
 ) -> dict[str, Any]:
     """The manifest's ``made``.
 
-    :param engine: that made the shards, see :mod:`datafactory.run.engines`
+    :param engine: that made the shards, see :mod:`datafactory.run.portions`
     :param workers: its processes; 0 on a cluster for all that its nodes had
     :param seconds: wall-clock seconds of the run
     :param step_seconds: seconds of each step of the chain, added over the workers

@@ -17,7 +17,8 @@ import cloudpickle
 
 from datafactory.run.cluster.driver import PROBE_S, Begin, Connect, Connected, Look, Reached
 from datafactory.run.cluster.node import Given, surroundings_of
-from datafactory.run.portions import PortionWork, Rows, RunFailed
+from datafactory.run.job import PortionWork, Rows
+from datafactory.run.portions import RunFailed
 from datafactory.run.shards import Portion
 from shared.dataset.locations import absolute
 from shared.physics.errors import InputError
@@ -44,7 +45,7 @@ GONE = (
 def connected(address: str | None, announce: Callable[[str], None]) -> Iterator[RayEngine]:
     """A cluster that is ready to work, until the end of the block.
 
-    :param address, announce: see :func:`datafactory.run.engines.opened`
+    :param address, announce: see :func:`datafactory.run.portions.opened`
     :raises InputError: Ray is not installed; no cluster, or one that would make other bytes
     """
     if find_spec("ray") is None:
