@@ -14,12 +14,11 @@ import pytest
 from typer.testing import CliRunner
 
 from datafactory.api import making
-from datafactory.api.asking import order_of
+from datafactory.api.asking import device_of, order_of
 from datafactory.api.forecasting import forecast
 from datafactory.api.options import Announce, OrderOptions, silent
 from datafactory.cli.app import app
 from datafactory.frame import device
-from datafactory.frame.device import device_of
 from datafactory.paths.backend import CudaDevice
 from datafactory.run import shards
 from datafactory.run.memory import processes

@@ -28,10 +28,10 @@ from datafactory.frame.deal import Deal
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.order import Order
 from datafactory.run.preparation import prepare
-from datafactory.run.shards import write_manifest
 from datafactory.scenes.materials.table import MaterialTable
 from shared.dataset.folder import open_dataset, read_manifest
 from shared.dataset.locations import Location
+from shared.dataset.manifest import write_manifest
 from shared.dataset.reading import read_frame
 from shared.physics.errors import InputError
 

@@ -19,14 +19,23 @@ from datafactory.api.options import (
     TargetsLike,
     TrajectoryLike,
 )
-from datafactory.defaults import DEFAULT_BUDGET_DB, DEFAULT_DEPTH, DEFAULT_PATTERN, DEFAULT_RAYS
+from datafactory.defaults import (
+    AUTO_DEVICE,
+    CPU,
+    CUDA,
+    DEFAULT_BUDGET_DB,
+    DEFAULT_DEPTH,
+    DEFAULT_PATTERN,
+    DEFAULT_RAYS,
+    INSTALL_TORCH,
+)
 from datafactory.effects.catalogue import parse_effects
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.deal import StoredRow
-from datafactory.frame.device import device_of
 from datafactory.frame.index import parse_split_pattern
 from datafactory.frame.measurement import Processing
 from datafactory.frame.points import PointTargets, read_targets
+from datafactory.paths.backend import cuda_device
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.card import stated_licence
 from datafactory.run.order import Order, stored_paths
@@ -39,6 +48,7 @@ from datafactory.scenes.scene import Scene
 from datafactory.scenes.tracks import read_track
 from datafactory.scenes.traffic.arrange import Asked, parse_populate
 from datafactory.scenes.traffic.population import populated
+from datafactory.synthesis.cube import synthesis_problem
 from shared.dataset.locations import locate
 from shared.physics.errors import InputError
 from shared.radar import Radar, load_radar
@@ -162,6 +172,37 @@ def scenes_of(
 def targets_of(targets: TargetsLike) -> tuple[PointTargets, ...]:
     """:raises InputError: a file that is unreadable or wrong"""
     return read_targets(Path(targets)) if isinstance(targets, str | Path) else tuple(targets)
+
+
+def device_of(asked: str, tracing: bool, synthesis: bool) -> str:
+    """``"cpu"`` or ``"cuda"``: what was asked for, or what is there.
+
+    The device is chosen once, before anything is made, and is one of the arguments that determine the bytes. A run that
+    is resumed on another device is therefore refused, also where ``auto`` finds another one than before.
+
+    :param asked: one of :data:`datafactory.defaults.ASKED_DEVICES`; ``"auto"`` is CUDA where it can be used
+    :param tracing: whether rays are to be traced on it, which needs OptiX
+    :param synthesis: whether signals are to be made on it, which needs torch
+    :raises InputError: CUDA was asked for and something that it needs is missing
+    """
+    if asked == CPU:
+        return CPU
+    found = _lacking(tracing, synthesis)
+    if found is None:
+        return CUDA
+    if asked == AUTO_DEVICE:
+        return CPU
+    problem, remedy = found
+    raise InputError("--device", f"{asked}: {problem}", remedy)
+
+
+def _lacking(tracing: bool, synthesis: bool) -> tuple[str, str] | None:
+    """What CUDA lacks, and what would be right."""
+    device = cuda_device()
+    if device.problem and (tracing or not device.name):
+        return device.problem, device.remedy
+    problem = synthesis_problem() if synthesis else None
+    return None if problem is None else (problem, f"{INSTALL_TORCH}; or --device cpu")
 
 
 def order_of(asked: OrderOptions, synthesis: bool = True) -> Order:

@@ -97,7 +97,9 @@ def _made(asked: RenderOptions | TraceOptions, order: Order, menu: Menu | None, 
             asked.announce(f"device: {device}")
         if device == CUDA and asked.workers > 1:
             asked.announce(f"{asked.workers} workers share one GPU, and its memory")
-        return _settled(order, table, execution, menu, asked.progress, make)
+        if menu is None:
+            return make(order, table, execution)
+        return _within_budget(order, table, execution, menu, asked.progress, make)
 
 
 def _with_cameras(order: Order, table: MaterialTable, report: Report, progress: Progress) -> Report:
@@ -114,12 +116,10 @@ def _with_cameras(order: Order, table: MaterialTable, report: Report, progress: 
     return replace(report, seconds=report.seconds + time.perf_counter() - started)
 
 
-def _settled(
-    order: Order, table: MaterialTable, execution: Execution, menu: Menu | None, progress: Progress, make: Make
+def _within_budget(
+    order: Order, table: MaterialTable, execution: Execution, menu: Menu, progress: Progress, make: Make
 ) -> Report:
-    """The job; with a menu its settings are chosen from it first, and what they achieved is measured afterwards."""
-    if menu is None:
-        return make(order, table, execution)
+    """The job, its settings chosen from a menu; what they achieved is measured afterwards."""
     started, announce = time.perf_counter(), execution.announce
     settled = settle(
         order, table, order.budget_db, menu, announce, lambda done, total, label: progress(label, done, total)

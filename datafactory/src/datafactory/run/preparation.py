@@ -57,47 +57,36 @@ def prepare(
         announce(said)
     opened = opened_scenes(order)
     scenes = tuple(prepared_scene(scene, table, announce) for scene in opened)
-    deal = dealt(order, opened)
-    given = deal.given
-    for said in (*(_late_poses(scene, given) for scene in opened), *deal.remarks()):
-        if said:
-            announce(said)
-    arguments = _arguments(order, scenes)
+    arguments, of_scenes = _arguments(order, scenes, paths_alone), order.of_scenes
     entries = [_entry(source, scene.materials) for source, scene in zip(opened, scenes, strict=True)]
     if order.traced is not None:
         entries = order.traced.entries
-    manifest = {"arguments": arguments, "scenes": entries}
-    if paths_alone:
-        schema = paths_schema()
-    else:
-        about = frames_described(order)
-        schema = arrow_schema(about)
-        manifest |= {name: about[name] for name in STATED}
-        settings = order.settings
-        arguments |= {
-            "processing": asdict(settings.processing),
-            "prune_db": settings.prune_db,
-            "close_targets": asdict(settings.close_targets),
-        }
-        if order.licence is not None:
-            arguments["license"] = manifest["license"] = order.licence
+    deal = dealt(order, opened)
+    for said in (*(_late_poses(scene, deal.given) for scene in opened), *deal.remarks()):
+        if said:
+            announce(said)
+    about = {} if paths_alone else _frames_described(order)
+    schema = paths_schema() if paths_alone else arrow_schema(about)
     job = Job(
         radar=order.radar,
         deal=deal,
         scenes=scenes,
         settings=order.settings,
-        of_scenes=order.of_scenes,
+        of_scenes=of_scenes,
         schema_message=schema.serialize().to_pybytes(),
         paths_alone=paths_alone,
     )
-    return Recipe(job, manifest)
+    stated = {name: about[name] for name in STATED if name in about}
+    if order.licence is not None:
+        stated["license"] = order.licence
+    return Recipe(job, {"arguments": arguments, "scenes": entries, **stated})
 
 
 STATED = ("radar", "array", "virtual_sensor", "axes", "shapes", "conventions", "truth")
 """What the manifest says as each shard's metadata does."""
 
 
-def frames_described(order: Order) -> dict[str, Any]:
+def _frames_described(order: Order) -> dict[str, Any]:
     """What the frames of an order are, as each shard's metadata says it."""
     processing = order.settings.processing
     conventions = _conventions(order.radar, processing.truth_window)
@@ -156,9 +145,30 @@ def load_of(order: Order, scenes: Sequence[Scene], rendered: bool = True) -> Loa
     )
 
 
-def _arguments(order: Order, scenes: Sequence[PreparedScene]) -> dict[str, Any]:
+def _arguments(order: Order, scenes: Sequence[PreparedScene], paths_alone: bool) -> dict[str, Any]:
     """What of an order determines the bytes, by the names that the user knows."""
-    common = {
+    settings, found = order.settings, dict[str, Any]()
+    if order.traced is not None:
+        found["paths"] = list(order.traced.checksums)
+    else:
+        found |= {
+            "scenes": [{"scene": scene.name, "content": scene.content} for scene in scenes],
+            "materials": [scene.materials.to_json() for scene in scenes],
+            "frames": order.frames,
+            "poses": [asdict(pose) for pose in order.poses],
+            "tracks": [[asdict(pose) for pose in track] for track in order.tracks],
+            "drives": None if order.drives is None else asdict(order.drives),
+            "trace": asdict(settings.trace),
+        }
+        if order.speeds is not None:
+            found["speed_mps"] = list(order.speeds)
+    if not paths_alone:
+        found["processing"] = asdict(settings.processing)
+        found["prune_db"] = settings.prune_db
+        found["close_targets"] = asdict(settings.close_targets)
+    if order.licence is not None:
+        found["license"] = order.licence
+    return {
         "effects": "auto" if order.effects is None else order.effects.names,
         "budget_db": order.budget_db if order.effects is None else None,
         "points": order.points,
@@ -166,21 +176,9 @@ def _arguments(order: Order, scenes: Sequence[PreparedScene]) -> dict[str, Any]:
         "seed": order.seed,
         "split": order.split,
         "radar": order.radar.model_dump(mode="json"),
-        "device": order.settings.device,
+        "device": settings.device,
         "versions": {name: version(name) for name in ("sparseradar-datafactory", "sionna-rt")},
-    }
-    if order.traced is not None:
-        return {**common, "paths": list(order.traced.checksums)}
-    return {
-        **common,
-        "scenes": [{"scene": scene.name, "content": scene.content} for scene in scenes],
-        "materials": [scene.materials.to_json() for scene in scenes],
-        "frames": order.frames,
-        "poses": [asdict(pose) for pose in order.poses],
-        "tracks": [[asdict(pose) for pose in track] for track in order.tracks],
-        "drives": None if order.drives is None else asdict(order.drives),
-        "trace": asdict(order.settings.trace),
-        **({} if order.speeds is None else {"speed_mps": list(order.speeds)}),
+        **found,
     }
 
 
