@@ -109,10 +109,9 @@ def _with_cameras(order: Order, table: MaterialTable, report: Report, progress: 
     started = time.perf_counter()
     dataset = open_dataset(report.directory)
     cameras = Cameras(dataset, [scene for scene in order.scenes if isinstance(scene, Scene)], table)
-    scene_frames = report.frames - order.points
-    progress("camera pictures", 0, scene_frames)
+    progress("camera pictures", 0, order.scene_frames)
     for done, _ in enumerate(write_cameras(dataset, cameras), 1):
-        progress("camera pictures", done, scene_frames)
+        progress("camera pictures", done, order.scene_frames)
     return replace(report, seconds=report.seconds + time.perf_counter() - started)
 
 
