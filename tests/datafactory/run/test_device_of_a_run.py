@@ -34,9 +34,9 @@ SHORT = Radar(waveform=Waveform(chirps=16, samples=128, range_bins=100))
 def stand_in(monkeypatch):
     """A machine on which ``cuda`` is torch on the processor."""
     on_torch = cube.torch_kernels
-    for module in (device, shards):
+    for module in (asking, shards):
         monkeypatch.setattr(module, "cuda_device", lambda: CudaDevice("a stand-in"))
-    for owner in (device, cube):
+    for owner in (asking, cube):
         monkeypatch.setattr(owner, "synthesis_problem", lambda: None)
     monkeypatch.setattr(cube, "torch_kernels", lambda name: on_torch("cpu"))
 
