@@ -37,7 +37,7 @@ from datafactory.frame.measurement import Processing
 from datafactory.paths.density import cell_power
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.order import Order
-from datafactory.run.pipeline import Execution, render, trace_paths
+from datafactory.run.pipeline import Execution, render
 from datafactory.scenes.materials.table import load_materials
 from shared.dataset.folder import open_dataset
 from shared.physics.errors import InputError
@@ -202,7 +202,7 @@ def test_a_budget_of_traced_paths_bounds_the_power_in_cells_alone(variant, radar
     order, said = replace(order_of_two(radar), poses=(POSE,)), list[str]()
     found = settled(order, -15.0, MENU.of_paths(), said, tmp_path / "cache")
     assert found.order.settings.trace.rays in MENU.rays
-    trace_paths(found.order, load_materials(None), Execution(tmp_path / "paths"))
+    render(found.order, load_materials(None), Execution(tmp_path / "paths"), paths_alone=True)
     check(found, tmp_path / "paths", said.append)
     entry = entry_of(tmp_path / "paths")
     assert set(entry["predicted"]) == set(entry["achieved"]) == {"power_db"}

@@ -75,7 +75,9 @@ def trace(asked: TraceOptions) -> Report:
     :func:`datafactory.render`.
     """
     menu = None if asked.error_budget is None else menu_for(asked.rays, asked.depth).of_paths()
-    return _made(asked, order_of(common(OrderOptions, asked), synthesis=False), menu, pipeline.trace_paths)
+    return _made(
+        asked, order_of(common(OrderOptions, asked), synthesis=False), menu, partial(pipeline.render, paths_alone=True)
+    )
 
 
 def _made(asked: RenderOptions | TraceOptions, order: Order, menu: Menu | None, make: Make) -> Report:

@@ -9,7 +9,6 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 
 from datafactory.defaults import LOCAL
@@ -131,41 +130,34 @@ def total_counts(finished: Sequence[FinishedShard]) -> dict[str, float]:
     return dict(sorted(counts.items()))
 
 
-def render(order: Order, table: MaterialTable, execution: Execution) -> Report:
-    """Render a dataset.
+def render(order: Order, table: MaterialTable, execution: Execution, paths_alone: bool = False) -> Report:
+    """Render a dataset, or trace scene frames into ``paths/`` of the folder, for orders of stored paths.
 
+    :param paths_alone: trace
     :raises InputError: anything wrong with the order or its inputs, before anything is written
     :raises OSError: the disk or the store fails; what was finished can be resumed
     :raises RunFailed: worker processes died; what was finished can be resumed
     """
-    started = time.perf_counter()
-    with claimed(execution.directory, execution.resume), _ahead(order, execution):
-        jobs = execution.job.of if execution.job else 1
-        require_room(execution.directory, math.ceil(len(order) / jobs), order.radar, order.settings.processing)
-        order, execution = _fitted(order, execution)
-        if said := statement(order.radar):
-            execution.announce(said)
-        return produce(_recipe(order, table, execution), execution, started)
-
-
-def trace_paths(order: Order, table: MaterialTable, execution: Execution) -> Report:
-    """Trace scene frames into ``paths/`` of the folder, for :func:`render` with ``Order.traced``; otherwise like it."""
-    started = time.perf_counter()
-    with claimed(execution.directory, execution.resume), _ahead(order, execution):
-        order, execution = _fitted(order, execution, rendered=False)
-        # One trace serves many radars: each leaves out for itself what it would not notice.
+    started, device = time.perf_counter(), order.settings.device
+    if paths_alone:  # one trace serves many radars: each leaves out for itself what it would not notice
         order = replace(order, effects=order.effects or ALL)
-        return produce(_recipe(order, table, execution, paths_alone=True), execution, started)
-
-
-def _ahead(order: Order, execution: Execution) -> AbstractContextManager[None]:
-    """Workers get ready while scenes are opened: libraries take as long."""
-    device = order.settings.device
+    # Workers get ready while scenes are opened: libraries take as long.
     count = min(processes_ahead(execution.workers, device), len(order))
-    return execution.engine.ahead(count, device if order.scenes else None)
+    ahead = execution.engine.ahead(count, device if order.scenes else None)
+    with claimed(execution.directory, execution.resume), ahead:
+        if not paths_alone:
+            jobs = execution.job.of if execution.job else 1
+            require_room(execution.directory, math.ceil(len(order) / jobs), order.radar, order.settings.processing)
+        order, execution = _fitted(order, execution, rendered=not paths_alone)
+        if not paths_alone and (said := statement(order.radar)):
+            execution.announce(said)
+        recipe = prepare(order, table, execution.announce, paths_alone)
+        for scene in recipe.job.scenes:  # found here once for all workers
+            find_shapes(scene.merged, recipe.job.of_scenes.trace)
+        return produce(recipe, execution, started)
 
 
-def _fitted(order: Order, execution: Execution, rendered: bool = True) -> tuple[Order, Execution]:
+def _fitted(order: Order, execution: Execution, rendered: bool) -> tuple[Order, Execution]:
     """The order with its scenes opened, and the execution with as many workers as there is memory for.
 
     :raises InputError: a scene that cannot be read, a run that cannot fit into memory
@@ -176,11 +168,3 @@ def _fitted(order: Order, execution: Execution, rendered: bool = True) -> tuple[
     if execution.engine.name == LOCAL:
         execution = replace(execution, workers=workers)
     return replace(order, scenes=tuple(scenes)), execution
-
-
-def _recipe(order: Order, table: MaterialTable, execution: Execution, paths_alone: bool = False) -> Recipe:
-    """Of the order; what its frames need of the scenes' shapes is found here, once for all workers."""
-    recipe = prepare(order, table, execution.announce, paths_alone)
-    for scene in recipe.job.scenes:
-        find_shapes(scene.merged, recipe.job.of_scenes.trace)
-    return recipe
