@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from datafactory.frame.points import target_list
-from datafactory.run.shards import plan_shards, write_manifest, write_shard
+from datafactory.run.shards import plan_shards, write_shard
 from shared.dataset import Box, Frame, arrow_schema, description
+from shared.dataset.manifest import write_manifest
 from shared.radar import ImageGrid, Radar
 from shared.radar.waveform import Waveform
 from shared.signal import if_signal, target_amplitudes

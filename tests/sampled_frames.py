@@ -25,8 +25,8 @@ MENU = Menu(
 
 def samples_of(order: Order) -> list[Sample]:
     """The frames of an order of one scene at given poses."""
-    prepared = prepare(order, load_materials(None))
-    return [Sample(prepared.deal.frame(frame_id), prepared.scenes[0], order) for frame_id in range(len(prepared.deal))]
+    job = prepare(order, load_materials(None)).job
+    return [Sample(job.deal.frame(frame_id), job.scenes[0], order) for frame_id in range(len(job.deal))]
 
 
 def order_of_two(radar: Radar) -> Order:

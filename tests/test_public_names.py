@@ -40,9 +40,9 @@ from trainer import RadarDataset, estimators, load_imager, pretrained_run
 
 scene_file, radar_file, out = sys.argv[1:]
 
-import datafactory.run.engines
+import datafactory.run.portions
 
-datafactory.run.engines.WorkerPool = None  # one worker works in this process: no pool is called
+datafactory.run.portions.WorkerPool = None  # one worker works in this process: no pool is called
 
 steps, lines = [], []
 scene = load_scene(scene_file)

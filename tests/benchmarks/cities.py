@@ -72,7 +72,7 @@ def frames(path: Path, count: int, rays: int) -> Iterator[tuple[Pose, Real]]:
         radar=radar, scenes=(str(path),), frames=count, effects=ALL.without("noise"), split="1:0:0",
         settings=ChainSettings(trace=TraceSettings(rays=rays)),
     )  # fmt: skip
-    made = prepare(order, load_materials())
+    made = prepare(order, load_materials()).job
     for index in range(count):
         dealt = made.deal.frame(index)
         ((frame, _),) = make_frames([SceneSource(dealt, made.scenes[0], order.of_scenes)], radar)

@@ -26,7 +26,7 @@ from numpy_bytes import npz, of_array
 
 from datafactory.frame.points import read_targets
 from datafactory.paths.storage import read_paths
-from datafactory.run.order import Order, TracedFolder, stored_paths
+from datafactory.run.order import stored_paths
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import read_poses
 from datafactory.scenes.readers.open import open_scene
@@ -308,7 +308,7 @@ def odd_calibration(whole: bytes, alter: Alter) -> bytes:
 
 
 def plan_of(path: Path) -> None:
-    stored_paths(Order(radar=Radar()), TracedFolder.opened(path.parent))
+    stored_paths(path.parent, Radar(), None, None)
 
 
 DOCUMENTS: dict[str, tuple[str, Callable[[bytes, Alter], bytes], Callable[[Path], object]]] = {

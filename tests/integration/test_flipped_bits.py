@@ -28,7 +28,7 @@ from pydantic import BaseModel
 
 from datafactory.inspection.dataset import summarise
 from datafactory.paths.storage import read_paths
-from datafactory.run.order import Order, TracedFolder, stored_paths
+from datafactory.run.order import stored_paths
 from shared.dataset.documents import MADE
 from shared.dataset.folder import open_dataset, verify
 from shared.dataset.reading import read_frame
@@ -108,8 +108,8 @@ def evaluated(folder: Path) -> Any:
 
 
 def rendered(folder: Path) -> Any:
-    stored = stored_paths(Order(radar=load_radar(str(folder.parent / "radar.toml"))), TracedFolder.opened(folder))
-    shards = list(dict.fromkeys(shard for shard, _ in stored.places))
+    stored, rows = stored_paths(folder, load_radar(str(folder.parent / "radar.toml")), None, None)
+    shards = list(dict.fromkeys(row.shard for row in rows))
     return stored, [frame for shard in shards for frame in read_paths(shard)]
 
 

@@ -16,7 +16,7 @@ from datafactory.api.asking import order_of
 from datafactory.api.forecasting import forecast
 from datafactory.api.options import OrderOptions
 from datafactory.frame.chain import FRAMES_WITH
-from datafactory.frame.deal import frame_seed
+from datafactory.frame.index import frame_seed
 from datafactory.run import portions
 from datafactory.run.counts import MEANINGS
 from datafactory.run.progress import claimed

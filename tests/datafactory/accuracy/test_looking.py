@@ -16,7 +16,7 @@ from path_tables import a_table
 from sampled_frames import EFFECTS, MENU, POSE, TINY, order_of_two, samples_of
 
 from datafactory.accuracy import budget
-from datafactory.accuracy.budget import HONEST_DB, check
+from datafactory.accuracy.budget import HONEST_DB, check, first_middle_last
 from datafactory.accuracy.knobs import DEFAULT, Effort, Menu
 from datafactory.accuracy.looking import made, reference_moments
 from datafactory.accuracy.power import (
@@ -37,7 +37,7 @@ from datafactory.frame.measurement import Processing
 from datafactory.paths.density import cell_power
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.order import Order
-from datafactory.run.pipeline import Execution, render, trace_paths
+from datafactory.run.pipeline import Execution, render
 from datafactory.scenes.materials.table import load_materials
 from shared.dataset.folder import open_dataset
 from shared.physics.errors import InputError
@@ -202,7 +202,7 @@ def test_a_budget_of_traced_paths_bounds_the_power_in_cells_alone(variant, radar
     order, said = replace(order_of_two(radar), poses=(POSE,)), list[str]()
     found = settled(order, -15.0, MENU.of_paths(), said, tmp_path / "cache")
     assert found.order.settings.trace.rays in MENU.rays
-    trace_paths(found.order, load_materials(None), Execution(tmp_path / "paths"))
+    render(found.order, load_materials(None), Execution(tmp_path / "paths"), paths_alone=True)
     check(found, tmp_path / "paths", said.append)
     entry = entry_of(tmp_path / "paths")
     assert set(entry["predicted"]) == set(entry["achieved"]) == {"power_db"}
@@ -214,3 +214,17 @@ def test_a_budget_of_traced_paths_bounds_the_power_in_cells_alone(variant, radar
 def test_a_budget_needs_scenes(radar) -> None:
     with pytest.raises(InputError, match="--error-budget"):
         budget.settle(Order(radar=radar, points=3), load_materials(None), -30.0, MENU, print, lambda *a: None)
+
+
+@pytest.mark.parametrize(
+    ("own", "chosen"),
+    [
+        (range(0), ()),
+        (range(5, 6), (5,)),
+        (range(2), (0, 1)),
+        (range(1, 100, 3), (1, 49, 97)),
+        (range(9), (0, 4, 8)),
+    ],
+)
+def test_frames_that_are_looked_at_are_spread_over_the_run(own: range, chosen: tuple[int, ...]) -> None:
+    assert first_middle_last(own) == chosen

@@ -4,25 +4,17 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
 import pytest
 from prepared_scenes import SCENES
 from town_scenes import BUILDINGS, PLATE
 
-from datafactory.frame.deal import (
-    Deal,
-    drawn_scene,
-    first_middle_last,
-    frame_seed,
-    generator,
-    parse_split_pattern,
-    sequence_seed,
-    split_of,
-)
+from datafactory.frame.deal import NEIGHBOURS_M, Deal, StoredRow, dealt
+from datafactory.frame.index import drawn_scene, frame_seed, generator, parse_split_pattern, sequence_seed, split_of
 from datafactory.frame.points import PointTargets
 from datafactory.run.order import Order
-from datafactory.run.preparation import NEIGHBOURS_M, close_tracks, deal_of
 from datafactory.scenes.drives import Drives
 from datafactory.scenes.ground import free_ground
 from datafactory.scenes.poses import Pose, sample_pose
@@ -60,7 +52,7 @@ def test_every_split_gets_every_scene_alike(scenes: int, pattern: str) -> None:
 @pytest.mark.parametrize("scenes", [1, 2, 3, 4, 5])
 @pytest.mark.parametrize("pattern", ["6:1:1", "3:1:0"])
 def test_the_frames_of_all_scenes_are_all_frames_once(scenes: int, pattern: str) -> None:
-    deal = Deal(pattern=pattern, scenes=scenes, frames=64, points=3)
+    deal = Deal(split=pattern, scenes=scenes, frames=64, points=3)
     frames = [frame_id for scene in range(scenes) for frame_id in deal.frames_of(scene)]
     assert sorted(frames) == list(range(64))
     assert all(deal.scene_of(frame_id) == scene for scene in range(scenes) for frame_id in deal.frames_of(scene))
@@ -76,7 +68,7 @@ def test_given_poses_go_to_the_scenes_in_turn() -> None:
 
 
 def test_a_stored_row_is_believed() -> None:
-    deal = Deal(scenes=2, traced=(1, 1, 0), points=1)
+    deal = Deal(scenes=2, stored=rows((1, -1), (1, -1), (0, -1)), points=1)
     assert [deal.frame(index).scene for index in range(3)] == [1, 1, 0]
     assert deal.frames_of(1) == (0, 1)
     assert deal.frame(0).pose is None
@@ -116,21 +108,12 @@ def test_point_frames_follow_the_scene_frames() -> None:
         _ = deal.frame(6).where
 
 
-@pytest.mark.parametrize(
-    ("own", "chosen"),
-    [
-        (range(0), ()),
-        (range(5, 6), (5,)),
-        (range(2), (0, 1)),
-        (range(1, 100, 3), (1, 49, 97)),
-        (range(9), (0, 4, 8)),
-    ],
-)
-def test_frames_that_are_looked_at_are_spread_over_the_run(own: range, chosen: tuple[int, ...]) -> None:
-    assert first_middle_last(own) == chosen
-
-
 TOWN = Scene("town", (PLATE, *BUILDINGS))
+
+
+def rows(*of_frames: tuple[int, int]) -> tuple[StoredRow, ...]:
+    """Of frames by scene and sequence."""
+    return tuple(StoredRow(Path("part-00000.parquet"), row, *said) for row, said in enumerate(of_frames))
 
 
 def track(length: int, y: float = 0.0) -> tuple[Pose, ...]:
@@ -152,14 +135,14 @@ def test_frames_follow_their_tracks() -> None:
 @pytest.mark.parametrize("pattern", ["6:1:1", "1:1:1", "0:0:1"])
 def test_no_track_is_cut_between_splits(pattern: str) -> None:
     tracks = tuple(track(5) for _ in range(9))
-    deal = Deal(pattern=pattern, scenes=1, tracks=tracks, track_scenes=(0,) * 9, points=8)
+    deal = Deal(split=pattern, scenes=1, tracks=tracks, track_scenes=(0,) * 9, points=8)
     splits = deal.splits()
     for number in range(9):
         assert set(splits[5 * number : 5 * number + 5]) == {split_of(number, pattern)}
     assert splits[45:] == tuple(split_of(frame_id, pattern) for frame_id in range(45, 53))
-    rows = [deal.place_of(frame_id) for frame_id in range(len(deal))]
+    places = [deal.place_of(frame_id) for frame_id in range(len(deal))]
     for split in set(splits):
-        assert [row for name, row in rows if name == split] == list(range(splits.count(split)))
+        assert [row for name, row in places if name == split] == list(range(splits.count(split)))
 
 
 def test_frames_of_a_track_share_rays_and_cycles_and_have_noise_of_their_own() -> None:
@@ -177,7 +160,7 @@ def test_a_sequence_s_seed_is_no_frame_s() -> None:
 
 
 def test_stored_rows_say_their_sequence() -> None:
-    deal = Deal(pattern="1:0:1", scenes=1, traced=(0, 0, 0, 0), traced_sequences=(0, 0, 1, -1))
+    deal = Deal(split="1:0:1", scenes=1, stored=rows((0, 0), (0, 0), (0, 1), (0, -1)))
     assert deal.splits() == ("train", "train", "test", "test")
     assert [deal.frame(index).sequence for index in range(4)] == [0, 0, 1, -1]
 
@@ -189,29 +172,29 @@ def order(**values: object) -> Order:
 def test_drives_are_dealt_to_scenes_and_splits_and_the_last_is_cut() -> None:
     drives = Drives(speed_mps=4.0, seconds=0.5, rate_hz=10.0)
     asked = order(frames=38, drives=drives, seed=2)
-    deal = deal_of(asked, (TOWN, TOWN))
+    deal = dealt(asked, (TOWN, TOWN))
     assert [len(each) for each in deal.tracks] == [5] * 7 + [3]
     assert deal.track_scenes == tuple(drawn_scene(number, 2) for number in range(8))
     assert deal.splits().count("test") == 3
     assert deal.splits().count("validation") == 5
-    shorter = deal_of(order(frames=12, drives=drives, seed=2), (TOWN, TOWN))
+    shorter = dealt(order(frames=12, drives=drives, seed=2), (TOWN, TOWN))
     assert shorter.tracks[:2] == deal.tracks[:2]  # how many follow changes nothing
-    assert deal_of(order(frames=12, drives=drives, seed=3), (TOWN, TOWN)).tracks[0] != deal.tracks[0]
+    assert dealt(order(frames=12, drives=drives, seed=3), (TOWN, TOWN)).tracks[0] != deal.tracks[0]
 
 
 def test_asked_speeds_are_those_of_poses_and_of_drives() -> None:
-    poses = deal_of(order(frames=8, speeds=(10.0, 12.0)), (TOWN,))
+    poses = dealt(order(frames=8, speeds=(10.0, 12.0)), (TOWN,))
     speeds = [math.hypot(*poses.frame(index).where.velocity[:2]) for index in range(8)]
     assert 10.0 <= min(speeds) < max(speeds) <= 12.0
-    drives = deal_of(order(frames=10, drives=Drives(seconds=0.5), speeds=(1.0, 2.0)), (TOWN,))
+    drives = dealt(order(frames=10, drives=Drives(seconds=0.5), speeds=(1.0, 2.0)), (TOWN,))
     assert 0.0 < max(math.hypot(*pose.velocity) for track in drives.tracks for pose in track) <= 2.0 * (1.0 + 1e-6)
 
 
 def test_tracks_of_different_splits_that_meet_are_told() -> None:
     near, far = 0.5 * NEIGHBOURS_M, 2.0 * NEIGHBOURS_M
-    deal = Deal(pattern="1:0:1", scenes=1, tracks=(track(5), track(5, near), track(5, far)), track_scenes=(0, 0, 0))
-    assert close_tracks(deal) == ["sequences 0 (train) and 1 (test) come within 5.0 m of each other"]
-    assert close_tracks(Deal(pattern="1:0:0", scenes=1, tracks=deal.tracks, track_scenes=(0, 0, 0))) == []
+    deal = Deal(split="1:0:1", scenes=1, tracks=(track(5), track(5, near), track(5, far)), track_scenes=(0, 0, 0))
+    assert deal.remarks() == ["sequences 0 (train) and 1 (test) come within 5.0 m of each other"]
+    assert Deal(split="1:0:0", scenes=1, tracks=deal.tracks, track_scenes=(0, 0, 0)).remarks() == []
 
 
 def test_the_order_knows_its_frames() -> None:

@@ -17,13 +17,14 @@ from typer.testing import CliRunner
 
 from datafactory.cli.app import app
 from datafactory.cli.inspection import inspect
-from datafactory.frame.deal import split_of
+from datafactory.frame.index import split_of
 from datafactory.inspection import pictures as made
 from datafactory.inspection.dataset import summarise
 from datafactory.inspection.pictures import LARGEST_BYTES, draw_frame, sequences_of, write_animations, write_pictures
-from datafactory.run.shards import plan_shards, write_manifest, write_shard, write_tables
+from datafactory.run.shards import plan_shards, write_shard, write_tables
 from shared.dataset import VERSION, Box, Frame, Target, arrow_schema, description
 from shared.dataset.folder import Dataset, open_dataset
+from shared.dataset.manifest import write_manifest
 from shared.physics.errors import InputError
 from shared.pictures import SPAN_DB
 from shared.radar import ImageGrid, Radar, load_radar

@@ -13,13 +13,11 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from datafactory.api import making
-from datafactory.api.asking import order_of
+from datafactory.api import asking, making
+from datafactory.api.asking import device_of, order_of
 from datafactory.api.forecasting import forecast
 from datafactory.api.options import Announce, OrderOptions, silent
 from datafactory.cli.app import app
-from datafactory.frame import device
-from datafactory.frame.device import device_of
 from datafactory.paths.backend import CudaDevice
 from datafactory.run import shards
 from datafactory.run.memory import processes
@@ -36,9 +34,9 @@ SHORT = Radar(waveform=Waveform(chirps=16, samples=128, range_bins=100))
 def stand_in(monkeypatch):
     """A machine on which ``cuda`` is torch on the processor."""
     on_torch = cube.torch_kernels
-    for module in (device, shards):
+    for module in (asking, shards):
         monkeypatch.setattr(module, "cuda_device", lambda: CudaDevice("a stand-in"))
-    for owner in (device, cube):
+    for owner in (asking, cube):
         monkeypatch.setattr(owner, "synthesis_problem", lambda: None)
     monkeypatch.setattr(cube, "torch_kernels", lambda name: on_torch("cpu"))
 
@@ -88,7 +86,7 @@ def test_auto_is_settled_before_the_run_and_refused_where_it_changes(tmp_path, s
     said: list[str] = []
     assert manifest_of(points(tmp_path / "run", "auto", announce=said.append))["arguments"]["device"] == "cuda"
     assert "device: cuda" in said
-    monkeypatch.setattr(device, "cuda_device", lambda: CudaDevice("", "there is no NVIDIA driver", "a driver"))
+    monkeypatch.setattr(asking, "cuda_device", lambda: CudaDevice("", "there is no NVIDIA driver", "a driver"))
     with pytest.raises(InputError, match=r"--resume: device is 'cpu', but the run in .* had 'cuda'"):
         points(tmp_path / "run", "auto", resume=True)
 
@@ -110,7 +108,7 @@ def test_a_forecast_says_whose_rates_it_has(tmp_path, stand_in):
 
 @pytest.mark.parametrize("command", [["points"], ["render", "shipped:tiny"], ["trace", "shipped:tiny"]])
 def test_a_device_that_is_not_there_is_refused_before_anything_is_written(tmp_path, monkeypatch, command):
-    monkeypatch.setattr(device, "cuda_device", lambda: CudaDevice("", "there is no NVIDIA driver", "a driver"))
+    monkeypatch.setattr(asking, "cuda_device", lambda: CudaDevice("", "there is no NVIDIA driver", "a driver"))
     out = tmp_path / "out"
     result = CliRunner().invoke(app, [*command, "--frames", "1", "--out", str(out), "--device", "cuda"])
     assert isinstance(result.exception, InputError)
@@ -129,8 +127,8 @@ def machine(monkeypatch):
     """Makes up what is there."""
 
     def there(found: CudaDevice, problem: str | None) -> None:
-        monkeypatch.setattr(device, "cuda_device", lambda: found)
-        monkeypatch.setattr(device, "synthesis_problem", lambda: problem)
+        monkeypatch.setattr(asking, "cuda_device", lambda: found)
+        monkeypatch.setattr(asking, "synthesis_problem", lambda: problem)
 
     return there
 
@@ -165,8 +163,8 @@ def test_cuda_is_taken_where_all_that_the_command_needs_is_there(
 
 
 def test_the_processor_asks_for_nothing(monkeypatch):
-    monkeypatch.setattr(device, "cuda_device", lambda: pytest.fail("no driver is needed"))
-    monkeypatch.setattr(device, "synthesis_problem", lambda: pytest.fail("no torch is needed"))
+    monkeypatch.setattr(asking, "cuda_device", lambda: pytest.fail("no driver is needed"))
+    monkeypatch.setattr(asking, "synthesis_problem", lambda: pytest.fail("no torch is needed"))
     assert device_of("cpu", True, True) == "cpu"
 
 

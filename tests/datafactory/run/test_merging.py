@@ -16,7 +16,7 @@ from small_radar import SMALL_RADAR
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
-from datafactory.frame.deal import split_of
+from datafactory.frame.index import split_of
 from datafactory.run import merging
 from datafactory.run.array_job import ArrayJob, JobEntry, is_job_folder, parse_job
 from datafactory.run.merging import ranges

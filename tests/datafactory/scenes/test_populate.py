@@ -188,10 +188,10 @@ def test_a_scene_that_was_read_is_populated_and_not_read_in_another_way() -> Non
 def test_the_manifest_counts_what_was_put_in(hill: Scene) -> None:
     order = order_of(OrderOptions(hill, radar="avr-qdm-110", frames=1, rays=100, effects="diffuse"))
     said: list[str] = []
-    prepared = prepare(order, load_materials(), said.append)
+    recipe = prepare(order, load_materials(), said.append)
     population = population_of(hill)
-    assert prepared.entries[0]["population"] == population.to_json()
-    assert prepared.entries[0]["population"]["placed"] == population.placed
+    assert recipe.manifest["scenes"][0]["population"] == population.to_json()
+    assert recipe.manifest["scenes"][0]["population"]["placed"] == population.placed
     assert any("populated with 6 cars" in line for line in said)
     moving = [thing.at(5.0)[0].tolist() for thing in things_of(hill) if thing.moves][:2]
     given = tuple(Pose((x, y, 0.5), time_s=5.0) for x, y, _ in moving)

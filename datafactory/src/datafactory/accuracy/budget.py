@@ -10,7 +10,7 @@ run what was achieved is measured on its own frames and written beside the predi
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,14 +24,14 @@ from datafactory.accuracy.knobs import DEFAULT, POWER_KNOBS, REFERENCE_DEPTH, SI
 from datafactory.accuracy.looking import Advance, Cells, made, reference_of
 from datafactory.accuracy.power import Errors, Kept, peak_error, power_error, relative_l2, worst_of
 from datafactory.accuracy.prices import Choice, Prices, choose, measure_prices
-from datafactory.frame.deal import Deal, first_middle_last
+from datafactory.frame.deal import Deal
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.order import Order
 from datafactory.run.preparation import prepare
-from datafactory.run.shards import write_manifest
 from datafactory.scenes.materials.table import MaterialTable
 from shared.dataset.folder import open_dataset, read_manifest
 from shared.dataset.locations import Location
+from shared.dataset.manifest import write_manifest
 from shared.dataset.reading import read_frame
 from shared.physics.errors import InputError
 
@@ -93,11 +93,11 @@ def settle(
     set_threads(1)
     folder = folder or user_cache()
     with threadpool_limits(limits=1):
-        prepared = prepare(order, table)
+        job = prepare(order, table).job
         scenes = []
-        for number, item in enumerate(prepared.scenes):
-            some = first_middle_last(prepared.deal.frames_of(number))
-            samples = tuple(Sample(prepared.deal.frame(frame_id), item, order) for frame_id in some)
+        for number, item in enumerate(job.scenes):
+            some = first_middle_last(job.deal.frames_of(number))
+            samples = tuple(Sample(job.deal.frame(frame_id), item, order) for frame_id in some)
             if samples:
                 scenes.append(SweptScene(samples[:FRAMES], samples[FRAMES:]))
 
@@ -131,7 +131,14 @@ def settle(
     choice = replace(choice, predicted=found, keeps_budget=excess_db <= 0.0)
     announce(_choice_text(level_db, choice, menu))
     chosen = replace(order, settings=choice.settings.on(order.settings))
-    return Budget(level_db, choice, chosen, prepared.deal, menu, tuple(scenes))
+    return Budget(level_db, choice, chosen, job.deal, menu, tuple(scenes))
+
+
+def first_middle_last(frame_ids: Sequence[int]) -> tuple[int, ...]:
+    """At most three of these frames, spread over the run: the first, the middle one, the last."""
+    if not frame_ids:
+        return ()
+    return tuple(dict.fromkeys((frame_ids[0], frame_ids[len(frame_ids) // 2], frame_ids[-1])))
 
 
 def errors_together(

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from datafactory.api.declared import Options, common
 from datafactory.api.options import (
     MaterialsLike,
     OrderOptions,
@@ -20,16 +19,26 @@ from datafactory.api.options import (
     TargetsLike,
     TrajectoryLike,
 )
-from datafactory.defaults import DEFAULT_BUDGET_DB, DEFAULT_DEPTH, DEFAULT_PATTERN, DEFAULT_RAYS
+from datafactory.defaults import (
+    AUTO_DEVICE,
+    CPU,
+    CUDA,
+    DEFAULT_BUDGET_DB,
+    DEFAULT_DEPTH,
+    DEFAULT_PATTERN,
+    DEFAULT_RAYS,
+    INSTALL_TORCH,
+)
 from datafactory.effects.catalogue import parse_effects
 from datafactory.frame.chain import ChainSettings
-from datafactory.frame.deal import parse_split_pattern
-from datafactory.frame.device import device_of
+from datafactory.frame.deal import StoredRow
+from datafactory.frame.index import parse_split_pattern
 from datafactory.frame.measurement import Processing
 from datafactory.frame.points import PointTargets, read_targets
+from datafactory.paths.backend import cuda_device
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.card import stated_licence
-from datafactory.run.order import Order, TracedFolder
+from datafactory.run.order import Order, stored_paths
 from datafactory.scenes.drives import WORD, Drives, parse_drives
 from datafactory.scenes.materials.table import MaterialTable, load_materials
 from datafactory.scenes.poses import Pose, Speeds, checked_speeds, parse_speeds, read_poses
@@ -39,6 +48,7 @@ from datafactory.scenes.scene import Scene
 from datafactory.scenes.tracks import read_track
 from datafactory.scenes.traffic.arrange import Asked, parse_populate
 from datafactory.scenes.traffic.population import populated
+from datafactory.synthesis.cube import synthesis_problem
 from shared.dataset.locations import locate
 from shared.physics.errors import InputError
 from shared.radar import Radar, load_radar
@@ -164,14 +174,43 @@ def targets_of(targets: TargetsLike) -> tuple[PointTargets, ...]:
     return read_targets(Path(targets)) if isinstance(targets, str | Path) else tuple(targets)
 
 
-def order_of(given: Options, synthesis: bool = True) -> Order:
+def device_of(asked: str, tracing: bool, synthesis: bool) -> str:
+    """``"cpu"`` or ``"cuda"``: what was asked for, or what is there.
+
+    The device is chosen once, before anything is made, and is one of the arguments that determine the bytes. A run that
+    is resumed on another device is therefore refused, also where ``auto`` finds another one than before.
+
+    :param asked: one of :data:`datafactory.defaults.ASKED_DEVICES`; ``"auto"`` is CUDA where it can be used
+    :param tracing: whether rays are to be traced on it, which needs OptiX
+    :param synthesis: whether signals are to be made on it, which needs torch
+    :raises InputError: CUDA was asked for and something that it needs is missing
+    """
+    if asked == CPU:
+        return CPU
+    found = _lacking(tracing, synthesis)
+    if found is None:
+        return CUDA
+    if asked == AUTO_DEVICE:
+        return CPU
+    problem, remedy = found
+    raise InputError("--device", f"{asked}: {problem}", remedy)
+
+
+def _lacking(tracing: bool, synthesis: bool) -> tuple[str, str] | None:
+    """What CUDA lacks, and what would be right."""
+    device = cuda_device()
+    if device.problem and (tracing or not device.name):
+        return device.problem, device.remedy
+    problem = synthesis_problem() if synthesis else None
+    return None if problem is None else (problem, f"{INSTALL_TORCH}; or --device cpu")
+
+
+def order_of(asked: OrderOptions, synthesis: bool = True) -> Order:
     """The order of a run.
 
-    :param given: of a function or a command; what it does not have of :class:`OrderOptions` is as usual
     :param synthesis: whether signals will be made, and not paths alone
     :raises InputError: a file that cannot be read, options that exclude each other, nothing to render
     """
-    asked = common(OrderOptions, given)
     traced = asked.paths is not None
     scenes = scenes_of(asked.scenes, asked, asked.seed)
     if scenes and traced:
@@ -189,18 +228,20 @@ def order_of(given: Options, synthesis: bool = True) -> Order:
         raise InputError("--scene", "missing", "a scene file or sionna:NAME, or --paths")
     if not (of_scenes or traced or asked.points or targets):
         raise InputError("--frames", "0 and --points 0: nothing to render", "at least one frame")
-    folder = None if asked.paths is None else TracedFolder.opened(locate(asked.paths))
-    split = asked.split if asked.split is not None or folder is None else folder.split
-    effects = asked.effects if isinstance(asked.effects, str) else ",".join(asked.effects)
+    effects = parse_effects(asked.effects if isinstance(asked.effects, str) else ",".join(asked.effects))
+    radar, folder, rows = radar_of(asked.radar), None, tuple[StoredRow, ...]()
+    if asked.paths is not None:
+        folder, rows = stored_paths(locate(asked.paths), radar, asked.split, effects)
     return Order(
-        radar=radar_of(asked.radar),
+        radar=radar,
         scenes=scenes if of_scenes else (),
         traced=folder,
+        stored=rows,
         frames=frames,
         points=0 if targets else asked.points,
         seed=asked.seed,
-        split=split or DEFAULT_PATTERN,
-        poses=poses,
+        split=asked.split or (folder and folder.split) or DEFAULT_PATTERN,
+        poses=() if traced else poses,  # stored rows have their own
         tracks=tracks,
         drives=drives if asked.frames else None,
         speeds=speeds,
@@ -210,7 +251,7 @@ def order_of(given: Options, synthesis: bool = True) -> Order:
             processing=Processing(noise=asked.noise, store=asked.store, truth_window=asked.truth_window),
             device=device_of(asked.device, bool(scenes), synthesis),
         ),
-        effects=parse_effects(effects),
+        effects=effects,
         budget_db=asked.error_budget or DEFAULT_BUDGET_DB,
         licence=stated_licence(asked.license),
     )

@@ -10,12 +10,21 @@ from collections import Counter
 from dataclasses import dataclass
 
 from datafactory.defaults import CPU
+from datafactory.frame.deal import dealt
 from datafactory.run.array_job import parse_job
-from datafactory.run.memory import CLOSE_TARGETS, STREETS, amount, free_bytes, most_workers, processes, statement
-from datafactory.run.order import Order, stored_paths
-from datafactory.run.preparation import deal_of, deal_of_stored, load_of, opened_scenes
+from datafactory.run.memory import (
+    CLOSE_TARGETS,
+    STREETS,
+    amount,
+    frame_bytes,
+    free_bytes,
+    most_workers,
+    processes,
+    statement,
+)
+from datafactory.run.order import Order
+from datafactory.run.preparation import load_of, opened_scenes
 from datafactory.run.shards import plan_shards
-from shared.dataset import description, row_bytes
 from shared.dataset.locations import Location, RemotePath
 from shared.processes.machine import usable_memory
 
@@ -75,20 +84,16 @@ def forecast(order: Order, directory: Location, workers: int, shard: str | None 
     :param shard: of :func:`datafactory.render`: what this job will take
     :raises InputError: what a run would refuse of its scenes, poses and split
     """
-    scenes = opened_scenes(order) if order.traced is None else []
-    if order.traced is None:
-        deal = deal_of(order, scenes)
-        for frame_id in {deal.frames_of(number)[0] for number in range(len(scenes)) if deal.frames_of(number)}:
-            deal.frame(frame_id)  # a scene without free ground is refused here
-    else:
-        deal = deal_of_stored(order, stored_paths(order, order.traced))
+    scenes = opened_scenes(order)
+    deal = dealt(order, scenes)
+    for frame_id in {deal.frames_of(number)[0] for number in range(len(scenes)) if deal.frames_of(number)}:
+        deal.frame(frame_id)  # a scene without free ground is refused here
     splits, scene_frames = deal.splits(), deal.scene_frames
     settings, waveform, channels = order.settings, order.radar.waveform, order.radar.array.channels
     rays = float(settings.trace.rays)
     of_points = SAMPLE_S * channels * waveform.chirps * waveform.samples
     synthesis = PATH_S * PATHS_A_RAY * rays * (channels + order.radar.virtual_sensor.channels) / CHANNELS
     of_scene = of_points + synthesis + (RAY_S * rays if order.traced is None else 0.0)
-    shapes = description(order.radar, settings.processing.peaks, settings.processing.store)["shapes"]
     plans = plan_shards(splits)
     if shard is not None:
         plans = parse_job(shard).own(plans)
@@ -101,7 +106,7 @@ def forecast(order: Order, directory: Location, workers: int, shard: str | None 
     return Forecast(
         frames=dict(Counter(splits)),
         shards=shards,
-        bytes=row_bytes(shapes) * (STREETS * scene_frames + CLOSE_TARGETS * point_frames),
+        bytes=frame_bytes(order.radar, settings.processing) * (STREETS * scene_frames + CLOSE_TARGETS * point_frames),
         free_bytes=None if isinstance(directory, RemotePath) else free_bytes(directory),
         memory_bytes=load.total_bytes(workers),
         memory=statement(load, workers, limit),

@@ -14,14 +14,14 @@ from typing import TypeAlias
 from datafactory.accuracy.budget import check, settle
 from datafactory.accuracy.knobs import Menu, menu_for
 from datafactory.api.asking import materials_of, order_of
-from datafactory.api.declared import taking
-from datafactory.api.options import ConvertOptions, MergeOptions, Progress, RenderOptions, TraceOptions
+from datafactory.api.declared import common, taking
+from datafactory.api.options import ConvertOptions, MergeOptions, OrderOptions, Progress, RenderOptions, TraceOptions
 from datafactory.defaults import AUTO_DEVICE, CPU, CUDA, LOCAL
 from datafactory.run import merging, pipeline
 from datafactory.run.array_job import OPTION, parse_job
-from datafactory.run.engines import opened
 from datafactory.run.order import Order
 from datafactory.run.pipeline import Execution, Report
+from datafactory.run.portions import opened
 from datafactory.scenes.materials.table import MaterialTable
 from datafactory.scenes.scene import Scene
 from shared.dataset.folder import open_dataset
@@ -75,7 +75,9 @@ def trace(asked: TraceOptions) -> Report:
     :func:`datafactory.render`.
     """
     menu = None if asked.error_budget is None else menu_for(asked.rays, asked.depth).of_paths()
-    return _made(asked, order_of(asked, synthesis=False), menu, pipeline.trace_paths)
+    return _made(
+        asked, order_of(common(OrderOptions, asked), synthesis=False), menu, partial(pipeline.render, paths_alone=True)
+    )
 
 
 def _made(asked: RenderOptions | TraceOptions, order: Order, menu: Menu | None, make: Make) -> Report:
@@ -97,7 +99,9 @@ def _made(asked: RenderOptions | TraceOptions, order: Order, menu: Menu | None, 
             asked.announce(f"device: {device}")
         if device == CUDA and asked.workers > 1:
             asked.announce(f"{asked.workers} workers share one GPU, and its memory")
-        return _settled(order, table, execution, menu, asked.progress, make)
+        if menu is None:
+            return make(order, table, execution)
+        return _within_budget(order, table, execution, menu, asked.progress, make)
 
 
 def _with_cameras(order: Order, table: MaterialTable, report: Report, progress: Progress) -> Report:
@@ -107,19 +111,16 @@ def _with_cameras(order: Order, table: MaterialTable, report: Report, progress: 
     started = time.perf_counter()
     dataset = open_dataset(report.directory)
     cameras = Cameras(dataset, [scene for scene in order.scenes if isinstance(scene, Scene)], table)
-    scene_frames = report.frames - order.points
-    progress("camera pictures", 0, scene_frames)
+    progress("camera pictures", 0, order.scene_frames)
     for done, _ in enumerate(write_cameras(dataset, cameras), 1):
-        progress("camera pictures", done, scene_frames)
+        progress("camera pictures", done, order.scene_frames)
     return replace(report, seconds=report.seconds + time.perf_counter() - started)
 
 
-def _settled(
-    order: Order, table: MaterialTable, execution: Execution, menu: Menu | None, progress: Progress, make: Make
+def _within_budget(
+    order: Order, table: MaterialTable, execution: Execution, menu: Menu, progress: Progress, make: Make
 ) -> Report:
-    """The job; with a menu its settings are chosen from it first, and what they achieved is measured afterwards."""
-    if menu is None:
-        return make(order, table, execution)
+    """The job, its settings chosen from a menu; what they achieved is measured afterwards."""
     started, announce = time.perf_counter(), execution.announce
     settled = settle(
         order, table, order.budget_db, menu, announce, lambda done, total, label: progress(label, done, total)

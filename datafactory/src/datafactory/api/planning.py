@@ -10,8 +10,8 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from datafactory.api.asking import materials_of, order_of
-from datafactory.api.declared import taking
-from datafactory.api.options import PlanOptions
+from datafactory.api.declared import common, taking
+from datafactory.api.options import OrderOptions, PlanOptions
 from datafactory.effects.catalogue import NAMES
 from datafactory.effects.plan import EffectPlan, plan_of_frame, plan_of_scene
 from datafactory.effects.proof import Proof, costs, prove
@@ -73,16 +73,15 @@ def plan(asked: PlanOptions) -> tuple[ScenePlan, ...]:
     :returns: one for each scene; ``to_json()`` is what ``datafactory plan --json`` prints
     :raises InputError: anything wrong with the arguments or their files
     """
-    order = order_of(asked, synthesis=asked.times or asked.prove)
+    order = order_of(common(OrderOptions, asked), synthesis=asked.times or asked.prove)
     table = materials_of(asked.materials)
     select_variant(order.settings.device)
     set_threads(1)
     with threadpool_limits(limits=1):
-        prepared = prepare(order, table, asked.announce)
-        deal = prepared.deal
+        job = prepare(order, table, asked.announce).job
         return tuple(
-            _planned(order, scene, [deal.frame(n) for n in spread(deal.frames_of(index))], asked)
-            for index, scene in enumerate(prepared.scenes)
+            _planned(order, scene, [job.deal.frame(n) for n in spread(job.deal.frames_of(index))], asked)
+            for index, scene in enumerate(job.scenes)
         )
 
 

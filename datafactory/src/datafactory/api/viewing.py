@@ -9,7 +9,6 @@ from datafactory.api.declared import common, taking
 from datafactory.api.options import OrderOptions, ViewOptions
 from datafactory.frame.chain import SceneSource, StoredSource, narrowed
 from datafactory.paths.backend import select_variant, set_threads
-from datafactory.run.order import stored_paths
 from datafactory.run.preparation import prepare, prepared_scene
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.traffic.population import recorded
@@ -49,10 +48,10 @@ def view(asked: ViewOptions) -> tuple[Path, ...]:
 
 def _traced_now(asked: ViewOptions) -> Subject:
     order = order_of(common(OrderOptions, asked, scenes=asked.scene))
-    prepared = prepare(order, materials_of(asked.materials), asked.announce)
-    _require_frame(asked.frame, len(prepared.deal))
-    dealt = prepared.deal.frame(asked.frame)
-    here, pose = prepared.scenes[dealt.scene], dealt.where
+    job = prepare(order, materials_of(asked.materials), asked.announce).job
+    _require_frame(asked.frame, len(job.deal))
+    dealt = job.deal.frame(asked.frame)
+    here, pose = job.scenes[dealt.scene], dealt.where
     select_variant()
     set_threads(1)
     asked.progress("tracing", 0, 1)
@@ -67,11 +66,10 @@ def _traced_before(asked: ViewOptions, folder: Location) -> Subject:
     """The frame of a row of stored paths, in the scene that the manifest names, or in that one from elsewhere."""
     order = order_of(OrderOptions(None, paths=folder, radar=asked.radar, frames=0))
     assert order.traced is not None  # by its paths
-    stored = stored_paths(order, order.traced)
-    _require_frame(asked.frame, len(stored.places))
-    traced = StoredSource(*stored.places[asked.frame], order.of_scenes).traced(order.radar)
+    _require_frame(asked.frame, len(order.stored))
+    traced = StoredSource(order.stored[asked.frame], order.of_scenes).traced(order.radar)
     _, paths = narrowed(traced, order.of_scenes, order.radar)
-    entry = stored.entries[traced.scene_number]
+    entry = order.traced.entries[traced.scene_number]
     (given,) = scenes_of(asked.scene, asked, asked.seed) or (entry.get("source", ""),)
     opened = given if isinstance(given, Scene) else recorded(entry, str(given))
     if opened.content_hash() != entry.get("content_sha256"):

@@ -36,8 +36,8 @@ def accuracy(asked: AccuracyOptions) -> None:
     select_variant()
     set_threads(1)
     count = min(1 if quick else asked.frames, len(order.poses) or IMAGE_BATCH)
-    prepared = prepare(order, materials_of(asked.materials), console.print)
-    samples = [Sample(prepared.deal.frame(frame_id), prepared.scenes[0], order) for frame_id in range(count)]
+    job = prepare(order, materials_of(asked.materials), console.print).job
+    samples = [Sample(job.deal.frame(frame_id), job.scenes[0], order) for frame_id in range(count)]
     batch = 1 if quick else IMAGE_BATCH
     with shown(console) as progress:
         rows = study.study(samples, menu, asked.repeats, batch, lambda done, total, label: progress(label, done, total))

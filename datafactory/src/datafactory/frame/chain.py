@@ -16,8 +16,9 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 
 from datafactory.defaults import CPU, IMAGE_BATCH
-from datafactory.frame.deal import DealtFrame, PreparedScene, generator
+from datafactory.frame.deal import DealtFrame, PreparedScene, StoredRow
 from datafactory.frame.decision import Decided, doppler_called_for, path_effects
+from datafactory.frame.index import generator
 from datafactory.frame.measurement import (
     FrameIdentity,
     Hook,
@@ -42,7 +43,6 @@ from datafactory.paths.trace import trace
 from datafactory.scenes.boxes import seen_things
 from datafactory.synthesis.cube import kernels_on
 from shared.dataset import Box, Frame
-from shared.dataset.locations import Location
 from shared.radar import Radar
 
 FRAMES_WITH = "frames_with_"
@@ -136,15 +136,14 @@ class SceneSource:
 
 @dataclass(frozen=True)
 class StoredSource:
-    """A scene frame that was traced before: a row of a paths shard."""
+    """A scene frame that was traced before."""
 
-    shard: Location
-    row: int
+    row: StoredRow
     settings: ChainSettings
 
     def traced(self, radar: Radar, at: Hook = plainly) -> TracedFrame:
         """The row."""
-        return at("read", read_frame_paths, self.shard, self.row)
+        return at("read", read_frame_paths, self.row.shard, self.row.row)
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,7 @@
 """Which frame is frame i: its kind, scene, split, seed, pose and random streams.
 
 This is the only place that says so. Rendering, tracing, stored paths, ``plan``, the error budget and its
-check all ask a :class:`Deal`.
-
-Scene frames come first, close-target frames after them. A frame's streams depend on (dataset seed, frame index) alone,
-so that frame 17 is the same whether it is rendered alone, first, last, by one worker or by eight. Each purpose has one
-of its own: adding a purpose does not change the others.
+check all ask a :class:`Deal`. Scene frames come first, close-target frames after them.
 
 Frames may come in sequences, each along one track. A whole sequence belongs to one split and one scene: where single
 frames are dealt by their index, sequences are dealt by theirs. Its frames share the ray lattice and the cycle of moving
@@ -15,29 +11,28 @@ own.
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from itertools import accumulate
+from itertools import accumulate, combinations
 from typing import Literal
 
-import numpy as np
-
 from datafactory.defaults import DEFAULT_PATTERN
+from datafactory.frame.index import drawn_scene, frame_seed, generator, sequence_seed, split_of
 from datafactory.frame.points import PointTargets
 from datafactory.paths.merged_scene import MergedScene
-from datafactory.scenes.boxes import BoxedThing, Movers
+from datafactory.scenes.boxes import CLEAR_M, BoxedThing, Movers
+from datafactory.scenes.drives import CRUISING_SPEEDS, Drives, draw_drive
 from datafactory.scenes.ground import Ground
 from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import DRAWN_SPEEDS, Pose, Speeds, sample_pose
-from shared.dataset.folder import SPLITS, Split
-from shared.physics.errors import InputError
+from datafactory.scenes.scene import Scene
+from datafactory.scenes.tracks import nearest_m
+from datafactory.scenes.traffic.population import sensor_ground
+from shared.dataset.folder import Split
+from shared.dataset.locations import Location
 
-PURPOSES = ("pose", "rays", "targets", "noise", "traffic")
-SEQUENCES = 1
-"""First spawn key of sequences; those of frames have one number alone."""
 SOLVER_SEEDS = 2**31
 """The solver takes seeds below 2**32; half of that fits every signed integer of its interface."""
 Kind = Literal["scene", "points"]
@@ -60,59 +55,6 @@ class PreparedScene:
     things: tuple[BoxedThing, ...] = ()
 
 
-def frame_seed(dataset_seed: int, frame_id: int) -> int:
-    """The frame's own seed, a non-negative int64 as the ``seed`` column holds it."""
-    sequence = np.random.SeedSequence(entropy=dataset_seed, spawn_key=(frame_id,))
-    return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
-
-
-def sequence_seed(dataset_seed: int, sequence: int) -> int:
-    """Of what the frames of a sequence have in common; no frame's own seed."""
-    child = np.random.SeedSequence(entropy=dataset_seed, spawn_key=(SEQUENCES, sequence))
-    return int(child.generate_state(1, np.uint64)[0] >> np.uint64(1))
-
-
-def generator(seed: int, purpose: str) -> np.random.Generator:
-    """The stream of one purpose in a frame with this seed."""
-    return np.random.default_rng(np.random.SeedSequence(entropy=seed, spawn_key=(PURPOSES.index(purpose),)))
-
-
-def parse_split_pattern(pattern: str) -> tuple[int, int, int]:
-    """The three numbers of a split pattern A:B:C.
-
-    :raises InputError: a pattern that is not three whole numbers with a positive sum
-    """
-    parts = pattern.split(":")
-    if len(parts) != 3 or not all(part.isascii() and part.isdigit() for part in parts) or not any(map(int, parts)):
-        raise InputError("--split", f"{pattern!r}", "train:validation:test as three whole numbers, e.g. 6:1:1 or 1:0:0")
-    train, validation, test = map(int, parts)
-    return train, validation, test
-
-
-def split_of(frame_id: int, pattern: str = DEFAULT_PATTERN) -> Split:
-    """Split of a frame under a pattern A:B:C: the first A of every A + B + C frames are train, and so on.
-
-    :raises InputError: see :func:`parse_split_pattern`
-    """
-    train, validation, test = parse_split_pattern(pattern)
-    place = frame_id % (train + validation + test)
-    return SPLITS[(place >= train) + (place >= train + validation)]
-
-
-def drawn_scene(frame_id: int, scenes: int, pattern: str = DEFAULT_PATTERN) -> int:
-    """Scene of a frame whose pose is drawn: in turn, so that every split has frames of every scene.
-
-    Four scenes in turn under eight splits in turn would meet always alike: all test frames in the last scene. Where the
-    two numbers have a common divisor, the turn begins one scene later each time that both have come round.
-
-    :param scenes: their number
-    :param pattern: see :func:`split_of`
-    """
-    splits = sum(parse_split_pattern(pattern))
-    rounds = frame_id // math.lcm(scenes, splits) if math.gcd(scenes, splits) > 1 else 0
-    return (frame_id + rounds) % scenes
-
-
 @dataclass(frozen=True)
 class Rays:
     """What is random in one trace.
@@ -126,6 +68,21 @@ class Rays:
 
 
 @dataclass(frozen=True)
+class StoredRow:
+    """A frame whose paths were traced before: where they lie, and what their row says of the frame.
+
+    :param row: of the shard
+    :param scene: number of the scene among those of the trace
+    :param sequence: number of the sequence that the frame belongs to; -1 for none
+    """
+
+    shard: Location
+    row: int
+    scene: int
+    sequence: int
+
+
+@dataclass(frozen=True)
 class DealtFrame:
     """One frame of a run, before anything is simulated.
 
@@ -135,6 +92,7 @@ class DealtFrame:
     :param pose: of the radar, of a scene frame; None where its paths were traced before, whose row has it
     :param targets: of a point frame: exactly these, or None to draw close targets
     :param realisation: of the rays; 0 is the run's own, others are for measuring how far the rays matter
+    :param stored: of a scene frame whose paths were traced before
     :param sequence: number of the sequence it belongs to; -1 of a frame of its own
     :param shared_seed: of what a sequence's frames have in common; None: the frame's own seed
     """
@@ -147,6 +105,7 @@ class DealtFrame:
     pose: Pose | None = None
     targets: PointTargets | None = None
     realisation: int = 0
+    stored: StoredRow | None = None
     sequence: int = -1
     shared_seed: int | None = None
 
@@ -180,54 +139,72 @@ class DealtFrame:
         return replace(self, realisation=realisation)
 
 
-@dataclass(frozen=True)
-class Deal:
-    """How a run's frames are dealt.
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """Which frames a run is to have.
 
     :param seed: of the dataset
-    :param pattern: of the splits, see :func:`split_of`
-    :param scenes: number of scenes
-    :param frames: number of drawn scene frames; 0 where poses are given
-    :param poses: given poses: one scene frame a pose, to the scenes in turn
-    :param tracks: poses of every sequence, given or drawn
-    :param track_scenes: number of the scene of every track
-    :param grounds: where poses are drawn, one a scene; empty where they are given
-    :param speeds: ends of the speed of drawn poses
-    :param traffic: of every scene, where poses are drawn: in a populated one a frame has a time of its own
-    :param traced: scene number of every scene frame, where their paths were traced before; a stored path row says which
-        frame and scene it is, and is believed
-    :param traced_sequences: number of the sequence of every such frame, -1 for none
-    :param points: number of point frames
-    :param targets: of every point frame, where they are given
+    :param split: pattern of the splits, see :func:`split_of`
+    :param frames: drawn scene frames; of ``drives`` in all
+    :param poses: one scene frame a pose, to the scenes in turn, instead of drawn ones
+    :param tracks: sequences of scene frames, each at these poses, instead of drawn ones
+    :param drives: draw sequences, of ``frames`` frames in all
+    :param speeds: ends of the speed of drawn poses, or of the drives' cruising speed; None: each kind's own
+    :param stored: every scene frame, where their paths were traced before; a row says which frame and scene it is, and
+        is believed
+    :param points: close-target frames after the scene frames
+    :param targets: frames of exactly these targets, instead of drawn ones
     """
 
     seed: int = 0
-    pattern: str = DEFAULT_PATTERN
-    scenes: int = 0
+    split: str = DEFAULT_PATTERN
     frames: int = 0
     poses: tuple[Pose, ...] = ()
     tracks: tuple[tuple[Pose, ...], ...] = ()
-    track_scenes: tuple[int, ...] = ()
-    grounds: tuple[Ground, ...] = field(default=(), repr=False)
-    speeds: Speeds = DRAWN_SPEEDS
-    traffic: tuple[Movers, ...] = field(default=(), repr=False)
-    traced: tuple[int, ...] = ()
-    traced_sequences: tuple[int, ...] = ()
+    drives: Drives | None = None
+    speeds: Speeds | None = None
+    stored: tuple[StoredRow, ...] = ()
     points: int = 0
     targets: tuple[PointTargets, ...] = ()
 
     @property
+    def given(self) -> tuple[Pose, ...]:
+        """Every pose that was given, of tracks one after the other; empty where they are drawn."""
+        return self.poses or tuple(pose for track in self.tracks for pose in track)
+
+    @cached_property
     def scene_frames(self) -> int:
         """Number of scene frames."""
-        return len(self.traced) or len(self.poses) or (self._ends[-1] if self._ends else self.frames)
+        return len(self.stored) or len(self.given) or self.frames
+
+    def __len__(self) -> int:
+        return self.scene_frames + (len(self.targets) or self.points)
+
+
+NEIGHBOURS_M = 10.0
+"""Tracks of different splits in one scene that come nearer than this are told: a test would be of what was trained."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Deal(Wanted):
+    """What was wanted, dealt to scenes.
+
+    :param scenes: number of scenes
+    :param tracks: poses of every sequence, given or drawn
+    :param track_scenes: number of the scene of every track
+    :param grounds: where poses are drawn, one a scene; empty where they are given
+    :param traffic: of every scene: in a populated one a drawn frame has a time of its own
+    """
+
+    scenes: int = 0
+    track_scenes: tuple[int, ...] = ()
+    grounds: tuple[Ground, ...] = field(default=(), repr=False)
+    traffic: tuple[Movers, ...] = field(default=(), repr=False)
 
     @cached_property
     def _ends(self) -> tuple[int, ...]:
         """Frame index after the last of each track."""
         return tuple(accumulate(map(len, self.tracks)))
-
-    def __len__(self) -> int:
-        return self.scene_frames + (len(self.targets) or self.points)
 
     def splits(self) -> tuple[Split, ...]:
         """Split of every frame."""
@@ -237,14 +214,14 @@ class Deal:
         """Number of the sequence that a frame belongs to; -1 for a frame of its own."""
         if frame_id >= self.scene_frames:
             return -1
-        if self.traced_sequences:
-            return self.traced_sequences[frame_id]
+        if self.stored:
+            return self.stored[frame_id].sequence
         return bisect_right(self._ends, frame_id) if self.tracks else -1
 
     def split_of(self, frame_id: int) -> Split:
         """Split of a frame: by the index of its sequence, or its own."""
         sequence = self.sequence_of(frame_id)
-        return split_of(frame_id if sequence < 0 else sequence, self.pattern)
+        return split_of(frame_id if sequence < 0 else sequence, self.split)
 
     def pose_of(self, frame_id: int) -> Pose | None:
         """The pose of a scene frame that was given or belongs to a track; None for one to be drawn by itself."""
@@ -255,13 +232,13 @@ class Deal:
 
     def scene_of(self, frame_id: int) -> int:
         """Number of the scene that a scene frame stands in."""
-        if self.traced:
-            return self.traced[frame_id]
+        if self.stored:
+            return self.stored[frame_id].scene
         if self.tracks:
             return self.track_scenes[self.sequence_of(frame_id)]
         if self.poses:
             return frame_id % self.scenes
-        return drawn_scene(frame_id, self.scenes, self.pattern)
+        return drawn_scene(frame_id, self.scenes, self.split)
 
     def frames_of(self, scene: int) -> tuple[int, ...]:
         """Frame indices of one scene, rising."""
@@ -284,17 +261,55 @@ class Deal:
             targets = self.targets[frame_id - self.scene_frames] if self.targets else None
             return DealtFrame(frame_id, "points", split, seed, targets=targets)
         scene, pose = self.scene_of(frame_id), self.pose_of(frame_id)
-        if pose is None and not self.traced:
-            pose = sample_pose(self.grounds[scene], split, generator(seed, "pose"), self.speeds)
+        stored = self.stored[frame_id] if self.stored else None
+        if pose is None and stored is None:
+            stream = generator(seed, "pose")
+            pose = sample_pose(self.grounds[scene], split, stream, self.speeds or DRAWN_SPEEDS)
             if self.traffic and self.traffic[scene].populated_s is not None:
                 pose = self.traffic[scene].at_a_clear_time(pose, generator(seed, "traffic"))
         sequence = self.sequence_of(frame_id)
         shared = None if sequence < 0 else sequence_seed(self.seed, sequence)
-        return DealtFrame(frame_id, "scene", split, seed, scene=scene, pose=pose, sequence=sequence, shared_seed=shared)
+        return DealtFrame(
+            frame_id, "scene", split, seed, scene=scene, pose=pose, stored=stored, sequence=sequence, shared_seed=shared
+        )
+
+    def remarks(self) -> list[str]:
+        """What to say of tracks of different splits that come near each other, and of given poses that something of a
+        population drives or walks through."""
+        said = []
+        for one, other in combinations(range(len(self.tracks)), 2):
+            splits = split_of(one, self.split), split_of(other, self.split)
+            if splits[0] == splits[1] or self.track_scenes[one] != self.track_scenes[other]:
+                continue
+            if (apart_m := nearest_m(self.tracks[one], self.tracks[other])) < NEIGHBOURS_M:
+                said.append(
+                    f"sequences {one} ({splits[0]}) and {other} ({splits[1]}) come within {apart_m:.1f} m of each other"
+                )
+        given = [(self.traffic[self.scene_of(n)], pose) for n, pose in enumerate(self.poses) if self.traffic]
+        near = sum(movers.populated_s is not None and not movers.clear_of([pose]) for movers, pose in given)
+        if near:
+            said.append(f"{near} of {len(given)} poses are within {CLEAR_M:g} m of what drives or walks by")
+        return said
 
 
-def first_middle_last(frame_ids: Sequence[int]) -> tuple[int, ...]:
-    """At most three of these frames, spread over the run: the first, the middle one, the last."""
-    if not frame_ids:
-        return ()
-    return tuple(dict.fromkeys((frame_ids[0], frame_ids[len(frame_ids) // 2], frame_ids[-1])))
+def dealt(wanted: Wanted, scenes: Sequence[Scene]) -> Deal:
+    """What is wanted, dealt to scenes that were opened: what is to be drawn of tracks is drawn here.
+
+    :raises InputError: no free ground, or no lane for a drive
+    """
+    grounds = () if wanted.given else tuple(sensor_ground(scene) for scene in scenes)
+    traffic = tuple(map(Movers, scenes))
+    tracks, numbers = wanted.tracks, [number % len(scenes) for number in range(len(wanted.tracks))]
+    if wanted.drives is not None and wanted.frames:
+        sequences = range(-(-wanted.frames // wanted.drives.frames))
+        numbers = [drawn_scene(number, len(scenes), wanted.split) for number in sequences]
+        drawn = []
+        for number, scene in zip(sequences, numbers, strict=True):
+            stream, speeds = generator(sequence_seed(wanted.seed, number), "pose"), wanted.speeds or CRUISING_SPEEDS
+            split = split_of(number, wanted.split)
+            drawn.append(draw_drive(grounds[scene], traffic[scene], split, wanted.drives, stream, speeds))
+        over = len(drawn) * wanted.drives.frames - wanted.frames  # the last is cut where the frames end
+        tracks = (*drawn[:-1], drawn[-1][: wanted.drives.frames - over])
+    same = {item.name: getattr(wanted, item.name) for item in fields(Wanted)}
+    several = {"scenes": len(scenes), "track_scenes": tuple(numbers), "grounds": grounds, "traffic": traffic}
+    return Deal(**same | several | {"tracks": tracks, "frames": 0 if tracks else wanted.frames})

@@ -13,7 +13,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from datafactory.frame.deal import split_of
+from datafactory.frame.index import split_of
 from datafactory.run.shards import PATHS, ShardPlan, plan_shards
 from shared.physics.errors import InputError
 

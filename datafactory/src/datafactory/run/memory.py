@@ -17,15 +17,15 @@ import ctypes
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from datafactory.defaults import CPU, CUDA
 from datafactory.frame.chain import ChainSettings
+from datafactory.frame.measurement import Processing
 from datafactory.run.shards import FRAMES_PER_SHARD, MOST_FRAMES
-from shared.dataset import row_bytes
+from shared.dataset import description, row_bytes
 from shared.dataset.locations import Location, RemotePath
 from shared.physics.errors import InputError
 from shared.processes.machine import usable_cores, usable_memory
@@ -219,14 +219,18 @@ def free_bytes(directory: Location) -> int:
     ).free
 
 
-def require_room(directory: Location, frames: int, shapes: Mapping[str, Any]) -> None:
+def frame_bytes(radar: Radar, processing: Processing) -> int:
+    """Of a frame's arrays, before they are compressed."""
+    return row_bytes(description(radar, processing.peaks, processing.store)["shapes"])
+
+
+def require_room(directory: Location, frames: int, radar: Radar, processing: Processing) -> None:
     """Refuse a run whose shards cannot fit.
 
     :param directory: an existing folder on the disk that is meant, or a remote one, of which one shard stands here
-    :param shapes: of the frames' arrays, by column
     :raises InputError: with both figures
     """
-    least, free, disk = COMPRESSED * row_bytes(shapes), free_bytes(directory), directory
+    least, free, disk = COMPRESSED * frame_bytes(radar, processing), free_bytes(directory), directory
     if isinstance(directory, RemotePath):
         frames, disk = min(frames, FRAMES_PER_SHARD), Path(tempfile.gettempdir())
     if frames * least > free:

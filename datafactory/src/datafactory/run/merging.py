@@ -15,10 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
+from datafactory.defaults import LOCAL
 from datafactory.run.array_job import ARGUMENT, ENTRY, ArrayJob, JobEntry, is_job_folder, parse_job
-from datafactory.run.engines import LOCAL
 from datafactory.run.memory import free_bytes
 from datafactory.run.pipeline import Report, total_counts
 from datafactory.run.progress import (
@@ -39,7 +37,7 @@ from shared.dataset.folder import MANIFEST
 from shared.dataset.manifest import ShardRecord, read_manifest, shard_records
 from shared.dataset.writing import PARTIAL, atomic
 from shared.physics.errors import InputError
-from shared.radar import first_validation_error
+from shared.radar import validated
 
 MOST_RANGES = 12
 """Ranges of missing frames that are named."""
@@ -146,10 +144,7 @@ def _read(folder: Path) -> FinishedJob:
     arguments = manifest.get("arguments")
     if not isinstance(arguments, dict) or ENTRY not in manifest or not isinstance(arguments.get(ARGUMENT), str):
         raise InputError(path, "is not of a job of an array", "the --out of a render, points or trace with --shard")
-    try:
-        entry = JobEntry.model_validate(manifest[ENTRY])
-    except ValidationError as error:
-        raise InputError(path, *first_validation_error(error)) from error
+    entry = validated(JobEntry, manifest[ENTRY], path)
     records = shard_records(path, manifest)
     if len(entry.counts) != len(records):
         raise InputError(path, f"counts of {len(entry.counts)} shards for {len(records)}", "one for each shard")

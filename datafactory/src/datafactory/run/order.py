@@ -8,86 +8,52 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from datafactory.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN, DEFAULT_RAYS
 from datafactory.effects.catalogue import ALL, PATH_EFFECTS, EffectSet
 from datafactory.frame.chain import ChainSettings
-from datafactory.frame.points import PointTargets
+from datafactory.frame.deal import StoredRow, Wanted
 from datafactory.paths.storage import read_places
 from datafactory.run.shards import PATHS
-from datafactory.scenes.drives import Drives
-from datafactory.scenes.poses import Pose, Speeds
 from datafactory.scenes.scene import Scene
 from shared.dataset.locations import Location
 from shared.dataset.manifest import MANIFEST, ShardRecord, read_manifest, shard_records
 from shared.physics.errors import InputError
-from shared.radar import Radar, first_validation_error
+from shared.radar import Radar, validated
 
 
 @dataclass(frozen=True)
-class TracedFolder:
-    """A folder that ``datafactory trace`` wrote, its manifest read.
+class Traced:
+    """What a folder that ``datafactory trace`` wrote says of its frames together.
 
-    :param split: pattern that its paths were traced with; None where the manifest says nothing of the kind
-    :param rays: of a frame that they were traced with, or the usual number where it says nothing of the kind
+    :param split: pattern that they were traced with; None where its manifest says none
+    :param rays: of a frame
+    :param entries: the manifest's ``scenes``
+    :param checksums: SHA-256 of the shards
     """
 
-    folder: Location
-    manifest: dict[str, Any]
-
-    @staticmethod
-    def opened(folder: Location) -> TracedFolder:
-        """:raises InputError: no manifest there, or a damaged one"""
-        return TracedFolder(folder, read_manifest(folder))
-
-    @property
-    def split(self) -> str | None:
-        split = self._argument("split")
-        return split if isinstance(split, str) else None
-
-    @property
-    def rays(self) -> int:
-        trace = self._argument("trace")
-        rays = trace.get("rays") if isinstance(trace, dict) else None
-        return rays if isinstance(rays, int) else DEFAULT_RAYS
-
-    def _argument(self, name: str) -> Any:
-        arguments = self.manifest.get("arguments")
-        return arguments.get(name) if isinstance(arguments, dict) else None
+    split: str | None
+    rays: int
+    entries: list[dict[str, Any]]
+    checksums: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Order:
-    """What the user asked for.
+@dataclass(frozen=True, kw_only=True)
+class Order(Wanted):
+    """What the user asked for: which frames, of what, and how they are made.
 
-    :param scenes: ``--scene`` arguments, or scenes that were read before, dealt to the frames in turn
-    :param frames: scene frames in total
-    :param points: close-target frames after them
-    :param poses: one frame a pose, instead of ``frames`` drawn ones; empty to draw
-    :param tracks: sequences of frames, each at these poses, instead of drawn ones
-    :param drives: draw sequences of ``frames`` frames in all
-    :param speeds: ends of the speed of drawn poses, or of the drives' cruising speed; None: each kind's own
-    :param targets: frames of exactly these targets, instead of drawn ones
+    :param scenes: ``--scene`` arguments, or scenes that were read before
+    :param traced: of the folder that ``stored`` lies in, instead of scenes
     :param settings: how a frame is made, with every effect
     :param effects: what is simulated of the scenes; None for what each frame calls for
     :param budget_db: what leaving effects out of a frame may change then
     :param licence: of the data, an SPDX expression; None where none is stated
-    :param traced: folder of :func:`datafactory.run.pipeline.trace_paths`, instead of scenes
     """
 
     radar: Radar
     scenes: tuple[str | Scene, ...] = ()
-    frames: int = 0
-    points: int = 0
-    seed: int = 0
-    split: str = DEFAULT_PATTERN
-    poses: tuple[Pose, ...] = ()
-    tracks: tuple[tuple[Pose, ...], ...] = ()
-    drives: Drives | None = None
-    speeds: Speeds | None = None
-    targets: tuple[PointTargets, ...] = ()
-    traced: TracedFolder | None = None
+    traced: Traced | None = None
     settings: ChainSettings = field(default_factory=ChainSettings)
     effects: EffectSet | None = None
     budget_db: float = DEFAULT_BUDGET_DB
@@ -101,83 +67,63 @@ class Order:
         every = ALL.settings(self.settings)
         return replace(every, budget_db=self.budget_db, below_noise=self.settings.processing.noise)
 
-    @property
-    def given(self) -> tuple[Pose, ...]:
-        """Every pose that was given, of tracks one after the other; empty where they are drawn."""
-        return self.poses or tuple(pose for track in self.tracks for pose in track)
-
-    @property
-    def scene_frames(self) -> int:
-        """Number of scene frames, of an order without ``traced``."""
-        return len(self.given) or self.frames
-
-
-@dataclass(frozen=True)
-class StoredPaths:
-    """A folder of traced paths.
-
-    :param places: shard and row of every frame, by frame index
-    :param scene_numbers: number of the scene of every frame, as its row says
-    :param sequences: number of the sequence of every frame, likewise; -1 for none
-    :param entries: the manifest's ``scenes``
-    :param checksums: SHA-256 of the shards
-    """
-
-    places: tuple[tuple[Location, int], ...]
-    scene_numbers: tuple[int, ...]
-    sequences: tuple[int, ...]
-    entries: list[dict[str, Any]]
-    checksums: tuple[str, ...]
-
 
 class _Radar(BaseModel):
     front_end: dict[str, Any]
 
 
+class _Trace(BaseModel):
+    rays: int = DEFAULT_RAYS
+
+
 class _Arguments(BaseModel):
     radar: _Radar
     effects: tuple[str, ...]
+    split: str | None = None
+    trace: _Trace = _Trace()
+    poses: list[Any] = []
+    tracks: list[Any] = []
 
 
-class _Traced(BaseModel):
+class _Manifest(BaseModel):
     """What rendering needs to know of a manifest of traced paths."""
 
     arguments: _Arguments
+    scenes: list[dict[str, Any]]
 
 
-def stored_paths(order: Order, traced_folder: TracedFolder) -> StoredPaths:
-    """The paths of a folder, with the effects that they were traced with, or those asked for where they hold them.
+def stored_paths(
+    folder: Location, radar: Radar, split: str | None, effects: EffectSet | None
+) -> tuple[Traced, tuple[StoredRow, ...]]:
+    """A folder of traced paths: what it says of them, and the row of every frame, by frame index.
 
+    :param split: pattern that is asked for; None for that of the trace
+    :param effects: that are asked for; None for those that the paths were traced with
     :raises InputError: a folder without traced paths, of another version or polarisation, or whose paths were traced
-        without what ``order.effects`` asks for
+        with other regions or without the effects that are asked for
     """
-    folder, manifest = traced_folder.folder, traced_folder.manifest
-    all_records = shard_records(folder / MANIFEST, manifest)
-    records = [record for record in all_records if record.path.startswith(f"{PATHS}/")]
+    path, manifest = folder / MANIFEST, read_manifest(folder)
+    records = [record for record in shard_records(path, manifest) if record.path.startswith(f"{PATHS}/")]
     if not records:
         raise InputError(folder, "holds no traced paths", "a folder written by datafactory trace")
-    try:
-        understood = _Traced.model_validate(manifest)
-    except ValidationError as error:
-        raise InputError(folder / MANIFEST, *first_validation_error(error)) from error
-    traced, entries = understood.arguments.radar.front_end, manifest["scenes"]
-    _require_same_regions(folder, manifest["arguments"], order.split)
+    understood = validated(_Manifest, manifest, path)
+    arguments = understood.arguments
+    _require_same_regions(folder, arguments, split or arguments.split or DEFAULT_PATTERN)
     for end in ("tx_polarization", "rx_polarization"):
-        before, wanted = traced.get(end, "V"), getattr(order.radar.front_end, end)
+        before, wanted = arguments.radar.front_end.get(end, "V"), getattr(radar.front_end, end)
         if before != wanted:
             problem = f"paths were traced with {end} = {before!r}, the radar has {wanted!r}"
             raise InputError(folder, problem, "the same polarisation, or datafactory trace with this radar")
-    if order.effects is not None:
-        _require_same_paths(folder, EffectSet.of(set(understood.arguments.effects)), order.effects)
-    places, scene_numbers, sequences = _places(folder, records, len(entries))
-    return StoredPaths(places, scene_numbers, sequences, entries, tuple(record.sha256 for record in records))
+    if effects is not None:
+        _require_same_paths(folder, EffectSet.of(set(arguments.effects)), effects)
+    rows = _rows(folder, records, len(understood.scenes))
+    checksums = tuple(record.sha256 for record in records)
+    return Traced(arguments.split, arguments.trace.rays, manifest["scenes"], checksums), rows
 
 
-def _places(
-    folder: Location, records: Sequence[ShardRecord], scenes: int
-) -> tuple[tuple[tuple[Location, int], ...], tuple[int, ...], tuple[int, ...]]:
-    """Shard and row, scene number and sequence of every frame index: the rows say it."""
-    found: dict[int, tuple[tuple[Location, int], int, int]] = {}
+def _rows(folder: Location, records: Sequence[ShardRecord], scenes: int) -> tuple[StoredRow, ...]:
+    """The row of every frame index: it says itself which frame it is, of which scene and sequence."""
+    found: dict[int, StoredRow] = {}
     for record in records:
         shard = folder / record.path
         for row, (frame_id, scene, sequence) in enumerate(read_places(shard)):
@@ -185,19 +131,17 @@ def _places(
                 raise InputError(shard, f"row {row} has scene_number = {scene}", f"one of the {scenes} of {MANIFEST}")
             if frame_id in found:
                 raise InputError(shard, f"row {row} has frame_id = {frame_id}, as another row", "each frame once")
-            found[frame_id] = ((shard, row), scene, sequence)
+            found[frame_id] = StoredRow(shard, row, scene, sequence)
     if sorted(found) != list(range(len(found))):
         missing = min(set(range(len(found))) - set(found))
         raise InputError(folder, f"frame {missing} of its {len(found)} is missing", "all frames of one trace")
-    ordered = [found[frame_id] for frame_id in range(len(found))]
-    places, scene_numbers, sequences = zip(*ordered, strict=True)
-    return places, scene_numbers, sequences
+    return tuple(found[frame_id] for frame_id in range(len(found)))
 
 
-def _require_same_regions(folder: Location, arguments: dict[str, Any], split: str) -> None:
+def _require_same_regions(folder: Location, arguments: _Arguments, split: str) -> None:
     """Drawn poses stand in the region of their frame's split: another split would test where was trained."""
-    traced = arguments.get("split")
-    if not (arguments.get("poses") or arguments.get("tracks")) and traced != split:
+    traced = arguments.split
+    if not (arguments.poses or arguments.tracks) and traced != split:
         problem = f"{split!r}: the poses of {folder} were drawn in the regions of {traced!r}, and would change sides"
         raise InputError("--split", problem, f"--split {traced}, or datafactory trace with this split")
 

@@ -1,8 +1,7 @@
 """An order to a dataset or to traced paths: its scenes are opened while workers get ready, then the recipe is made.
 
-A recipe is the last that knows the order: from there on there are frames, portions and shards. Portions of frames are
-dealt to workers, shards written as they are whole, then the manifest. What makes one frame stands in
-:mod:`datafactory.frame.chain`."""
+From there on there are frames, portions and shards. Portions of frames are dealt to workers, shards written as they are
+whole, then the manifest. What makes one frame stands in :mod:`datafactory.frame.chain`."""
 
 from __future__ import annotations
 
@@ -10,112 +9,26 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
-import pyarrow as pa
-
+from datafactory.defaults import LOCAL
 from datafactory.effects.catalogue import ALL
-from datafactory.frame.points import rayleigh_length
-from datafactory.paths.storage import paths_schema
 from datafactory.paths.trace import find_shapes
 from datafactory.run.array_job import ARGUMENT, ENTRY, ArrayJob, JobEntry
-from datafactory.run.engines import LOCAL, Engine, Local
-from datafactory.run.job import Job
+from datafactory.run.job import PortionWork
 from datafactory.run.memory import processes_ahead, require_room, workers_for
 from datafactory.run.order import Order
-from datafactory.run.portions import PortionWork, Writer, deal_out
-from datafactory.run.preparation import Prepared, load_of, opened_scenes, prepare
+from datafactory.run.portions import Engine, Local, Writer, deal_out
+from datafactory.run.preparation import Recipe, load_of, opened_scenes, prepare
 from datafactory.run.progress import FinishedShard, begin, claimed, completed, fingerprint, finish, handed_over
 from datafactory.run.shards import portions_of, provenance
 from datafactory.scenes.materials.table import MaterialTable
-from shared.dataset import VERSION, arrow_schema, description
+from shared.dataset import VERSION
 from shared.dataset.locations import Location
-from shared.radar import Radar
 from shared.signal.tdm import statement
-from shared.signal.windows import angle_window, point_spread
 
 Announce = Callable[[str], None]
 Advance = Callable[[int, int], None]
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """A job, and the manifest's entries that are the run's own, its ``arguments`` among them."""
-
-    job: Job
-    manifest: dict[str, Any]
-
-
-def of_frames(order: Order, prepared: Prepared) -> Recipe:
-    """A dataset of frames."""
-    settings, about = order.settings, frames_described(order)
-    arguments = {
-        **prepared.arguments,
-        "processing": asdict(settings.processing),
-        "prune_db": settings.prune_db,
-        "close_targets": asdict(settings.close_targets),
-    }
-    stated = {key: about[key] for key in ("radar", "array", "virtual_sensor", "axes", "shapes", "conventions", "truth")}
-    if order.licence is not None:
-        arguments["license"] = stated["license"] = order.licence
-    manifest = {"arguments": arguments, **stated, "scenes": prepared.entries}
-    return Recipe(_job(order, prepared, arrow_schema(about), order.split), manifest)
-
-
-def of_paths(order: Order, prepared: Prepared) -> Recipe:
-    """A folder of traced paths."""
-    manifest = {"arguments": prepared.arguments, "scenes": prepared.entries}
-    return Recipe(_job(order, prepared, paths_schema(), None), manifest)
-
-
-def frames_described(order: Order) -> dict[str, Any]:
-    """What the frames of an order are, as each shard's metadata says it."""
-    processing = order.settings.processing
-    conventions = _conventions(order.radar, processing.truth_window)
-    return description(order.radar, processing.peaks, processing.store, conventions)
-
-
-def _job(order: Order, prepared: Prepared, schema: pa.Schema, split: str | None) -> Job:
-    return Job(
-        radar=order.radar,
-        deal=prepared.deal,
-        scenes=prepared.scenes,
-        settings=order.settings,
-        of_scenes=order.of_scenes,
-        stored=prepared.stored,
-        schema_message=schema.serialize().to_pybytes(),
-        split=split,
-    )
-
-
-def _conventions(radar: Radar, window: str) -> dict[str, Any]:
-    """What a reader of one shard needs to know beside the axes.
-
-    :param window: of the truth, see :func:`shared.signal.windows.angle_window`
-    """
-    elements = radar.virtual_sensor.channels
-    y, wavelength = radar.virtual_sensor.rx[:, 1], radar.waveform.wavelength_m
-    spacing = abs(float(y[1] - y[0])) if len(y) > 1 else 0.0
-    width = sidelobe = None  # of what is no line of elements
-    if spacing > 0.0:
-        width, sidelobe = point_spread(angle_window(window, elements), spacing / wavelength)
-    return {
-        "conventions": {
-            "frame": "x forward, y left, z up, origin at the centroid of the full array's RX; u = y / range",
-            "units": "range_channel and image_peak in sqrt(W), noise_power in W per channel and range-Doppler cell",
-            "velocity": "; ".join(filter(None, ("range rate, positive is receding", statement(radar)))),
-            "image": "truth magnitude relative to image_peak; row r in the first Doppler cell of range bin r",
-        },
-        "truth": {
-            "window": window,
-            "width_u": width,
-            "width_bins": None if width is None else width / radar.grid.step,
-            "peak_sidelobe_db": sidelobe,
-            "rayleigh_length_u_of_array": rayleigh_length(radar),
-        },
-    }
 
 
 @dataclass(frozen=True)
@@ -191,7 +104,8 @@ def produce(recipe: Recipe, execution: Execution, started: float) -> Report:
     finished = [(earlier.shards | made.shards)[plan] for plan in plans]
     counts = total_counts(finished)
     if execution.job is not None:
-        entry = JobEntry(frames=len(job.deal), split=job.split, counts=tuple(item.counts for item in finished))
+        split = None if job.paths_alone else job.deal.split
+        entry = JobEntry(frames=len(job.deal), split=split, counts=tuple(item.counts for item in finished))
         manifest = {**manifest, ENTRY: entry.model_dump()}
     seconds = time.perf_counter() - started
     finish(
@@ -216,47 +130,34 @@ def total_counts(finished: Sequence[FinishedShard]) -> dict[str, float]:
     return dict(sorted(counts.items()))
 
 
-def render(order: Order, table: MaterialTable, execution: Execution) -> Report:
-    """Render a dataset.
+def render(order: Order, table: MaterialTable, execution: Execution, paths_alone: bool = False) -> Report:
+    """Render a dataset, or trace scene frames into ``paths/`` of the folder, for orders of stored paths.
 
+    :param paths_alone: trace
     :raises InputError: anything wrong with the order or its inputs, before anything is written
     :raises OSError: the disk or the store fails; what was finished can be resumed
     :raises RunFailed: worker processes died; what was finished can be resumed
     """
-    started = time.perf_counter()
-    with claimed(execution.directory, execution.resume), _ahead(order, execution):
-        jobs = execution.job.of if execution.job else 1
-        require_room(execution.directory, math.ceil(_frames(order) / jobs), frames_described(order)["shapes"])
-        order, execution = _fitted(order, execution)
-        if said := statement(order.radar):
-            execution.announce(said)
-        return produce(of_frames(order, _prepared(order, table, execution)), execution, started)
-
-
-def trace_paths(order: Order, table: MaterialTable, execution: Execution) -> Report:
-    """Trace scene frames into ``paths/`` of the folder, for :func:`render` with ``Order.traced``; otherwise like it."""
-    started = time.perf_counter()
-    with claimed(execution.directory, execution.resume), _ahead(order, execution):
-        order, execution = _fitted(order, execution, rendered=False)
-        # One trace serves many radars: each leaves out for itself what it would not notice.
+    started, device = time.perf_counter(), order.settings.device
+    if paths_alone:  # one trace serves many radars: each leaves out for itself what it would not notice
         order = replace(order, effects=order.effects or ALL)
-        return produce(of_paths(order, _prepared(order, table, execution)), execution, started)
+    # Workers get ready while scenes are opened: libraries take as long.
+    count = min(processes_ahead(execution.workers, device), len(order))
+    ahead = execution.engine.ahead(count, device if order.scenes else None)
+    with claimed(execution.directory, execution.resume), ahead:
+        if not paths_alone:
+            jobs = execution.job.of if execution.job else 1
+            require_room(execution.directory, math.ceil(len(order) / jobs), order.radar, order.settings.processing)
+        order, execution = _fitted(order, execution, rendered=not paths_alone)
+        if not paths_alone and (said := statement(order.radar)):
+            execution.announce(said)
+        recipe = prepare(order, table, execution.announce, paths_alone)
+        for scene in recipe.job.scenes:  # found here once for all workers
+            find_shapes(scene.merged, recipe.job.of_scenes.trace)
+        return produce(recipe, execution, started)
 
 
-def _frames(order: Order) -> int:
-    return order.scene_frames + (len(order.targets) or order.points)
-
-
-def _ahead(order: Order, execution: Execution) -> AbstractContextManager[None]:
-    """Workers get ready while scenes are opened: libraries take as long."""
-    device = order.settings.device
-    count = processes_ahead(execution.workers, device)
-    if order.traced is None:
-        return execution.engine.ahead(min(count, _frames(order)), device if order.scenes else None)
-    return execution.engine.ahead(count, None)
-
-
-def _fitted(order: Order, execution: Execution, rendered: bool = True) -> tuple[Order, Execution]:
+def _fitted(order: Order, execution: Execution, rendered: bool) -> tuple[Order, Execution]:
     """The order with its scenes opened, and the execution with as many workers as there is memory for.
 
     :raises InputError: a scene that cannot be read, a run that cannot fit into memory
@@ -267,11 +168,3 @@ def _fitted(order: Order, execution: Execution, rendered: bool = True) -> tuple[
     if execution.engine.name == LOCAL:
         execution = replace(execution, workers=workers)
     return replace(order, scenes=tuple(scenes)), execution
-
-
-def _prepared(order: Order, table: MaterialTable, execution: Execution) -> Prepared:
-    """The order's inputs; what its frames need of the scenes' shapes is found here, once for all workers."""
-    prepared = prepare(order, table, execution.announce)
-    for scene in prepared.scenes:
-        find_shapes(scene.merged, order.of_scenes.trace)
-    return prepared

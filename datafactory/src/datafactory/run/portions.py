@@ -1,29 +1,28 @@
-"""Frames in processes, or in this one: hand out, put in order, write, note.
+"""Frames in processes, of this machine or of a Ray cluster, or in this one: hand out, put in order, write, note.
 
-Workers take portions, neighbouring frames of one shard, and hand over rows. This process writes the shards.
+Workers take portions, neighbouring frames of one shard, and hand over rows. This process writes the shards. Their bytes
+do not depend on where frames are made.
 """
 
 from __future__ import annotations
 
-import os
 import time
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from pathlib import Path
-from typing import IO
+from typing import Protocol
 
 import pyarrow as pa
-from threadpoolctl import threadpool_limits
 
-from datafactory.paths.backend import select_variant, set_threads
-from datafactory.paths.solver import load_solver
-from datafactory.run.job import Job, StepSeconds
-from datafactory.run.memory import keep_freed_memory
+from datafactory.defaults import LOCAL, RAY
+from datafactory.run.job import Job, PortionWork, Rows, make_ready
 from datafactory.run.progress import FinishedShard, record_finished
 from datafactory.run.shards import Portion, ShardPlan, write_tables
 from shared.dataset.locations import Location
+from shared.physics.errors import InputError
+from shared.processes.pool import Processes, ThisProcess, WorkerPool
 from shared.processes.tasks import Pool
 
 POLL_S = 1.0
@@ -32,75 +31,6 @@ POLL_S = 1.0
 
 class RunFailed(Exception):
     """A run that cannot be finished now, in one line."""
-
-
-@dataclass(frozen=True)
-class Rows:
-    """What was made of a portion.
-
-    :param file: its rows as a stream of Arrow's, one record batch a frame
-    :param counts: of its frames, added up
-    :param seconds: of each step
-    """
-
-    file: Path
-    counts: dict[str, int]
-    seconds: dict[str, float]
-
-
-@dataclass(frozen=True)
-class PortionWork:
-    """What every worker is given once.
-
-    :param folder: for the files of rows
-    """
-
-    job: Job
-    folder: Path
-
-    def begin(self) -> None:
-        """Make this process ready."""
-        make_ready(self.job.settings.device if self.job.scenes else None)
-
-    def __call__(self, portion: Portion) -> Rows:
-        """Make one portion."""
-        with new_file(self.folder, portion) as file, file.open("wb") as sink:
-            return Rows(file, *self.write(portion, sink))
-
-    def write(self, portion: Portion, sink: IO[bytes] | pa.NativeFile) -> tuple[dict[str, int], dict[str, float]]:
-        """Make one portion's rows; returns counts and seconds, see :class:`Rows`."""
-        counts, hook, started = Counter[str](), StepSeconds(), time.perf_counter()
-        with threadpool_limits(limits=1), pa.ipc.new_stream(sink, self.job.schema) as stream:
-            for row, counted in self.job.rows(portion.frame_ids, hook):
-                counts.update(counted)
-                stream.write_batch(row)
-        rest = time.perf_counter() - started - sum(hook.seconds.values())
-        return dict(counts), {**hook.seconds, "between": rest}
-
-
-def make_ready(device: str | None) -> None:
-    """What a process needs whatever it will make: its libraries are loaded and take one core.
-
-    :param device: that scenes are traced on; None where none are
-    """
-    keep_freed_memory()
-    if device is not None:
-        select_variant(device)
-        set_threads(1)
-        load_solver()
-
-
-@contextmanager
-def new_file(folder: Path, portion: Portion) -> Iterator[Path]:
-    """A name for the rows of a portion, of this process alone: one whose run was killed may still be at work on it.
-
-    :raises OSError: what the block raises; it names the file, which a write by itself does not
-    """
-    file = folder / f"{portion.plan.split}-{portion.frame_ids[0]}-{os.getpid()}.arrow"
-    try:
-        yield file
-    except OSError as error:
-        raise OSError(error.errno, error.strerror or str(error), error.filename or str(file)) from error
 
 
 class Writer:
@@ -163,7 +93,7 @@ def deal_out(
 ) -> None:
     """Have the portions made, and their shards written.
 
-    :param pool: that works on them, see :mod:`datafactory.run.engines`
+    :param pool: that works on them, see :mod:`datafactory.run.portions`
     :param keep_going: finish the other shards where three processes died of a portion
     :param advance: takes frames that are left
     :raises RunFailed: three processes died of a portion
@@ -201,3 +131,81 @@ def failure_line(failed: dict[Portion, str]) -> str:
         f"{portion.plan.path}, {frames}: {how}{more}, "
         "perhaps for lack of memory; the same command with --resume, and fewer --workers, goes on"
     )
+
+
+class Engine(Protocol):
+    """Gives a run its pool."""
+
+    @property
+    def name(self) -> str:
+        """One of :data:`datafactory.defaults.ENGINES`."""
+
+    def processes_here(self, workers: int) -> int:
+        """Processes of this machine that make frames at a time; this one hands out, and counts as one.
+
+        :param workers: as :attr:`datafactory.run.pipeline.Execution.workers`
+        """
+
+    def ahead(self, count: int, device: str | None) -> AbstractContextManager[None]:
+        """A block in which processes of this machine get ready while scenes are opened; those not needed end with it.
+
+        :param count: that may be wanted
+        :param device: that scenes are traced on; None where none are
+        """
+
+    def at_a_time(self, workers: int) -> int:
+        """Processes that make frames at a time, wherever they are."""
+
+    def pool(self, work: PortionWork, portions: int, workers: int) -> Pool[Portion, Rows]:
+        """A pool for so many portions."""
+
+
+class Local:
+    """Processes of this machine."""
+
+    name = LOCAL
+
+    def __init__(self) -> None:
+        self._processes = Processes()
+
+    @contextmanager
+    def ahead(self, count: int, device: str | None) -> Iterator[None]:
+        """None for one: that is this process."""
+        with Processes(partial(make_ready, device)) as self._processes:
+            self._processes.start(count if count > 1 else 0)
+            yield
+
+    def processes_here(self, workers: int) -> int:
+        """All."""
+        return workers
+
+    def at_a_time(self, workers: int) -> int:
+        """All."""
+        return workers
+
+    def pool(self, work: PortionWork, portions: int, workers: int) -> Pool[Portion, Rows]:
+        """This process for one worker, or one portion: a script needs no guard then."""
+        count = min(workers, portions)
+        if count <= 1:
+            return ThisProcess[Portion, Rows](work)
+        return WorkerPool[Portion, Rows](work, count, work.folder / "pool", self._processes)
+
+
+@contextmanager
+def opened(name: str, address: str | None, announce: Callable[[str], None]) -> Iterator[Engine]:
+    """An engine that is ready to work; its connection, where it has one, ends with the block.
+
+    :param name: one of :data:`datafactory.defaults.ENGINES`
+    :param address: HOST:PORT of a Ray cluster; None for the one that this machine is a node of, or one for this run
+    :param announce: takes lines for the user
+    :raises InputError: an address without Ray, Ray not installed, a cluster that cannot be reached or worked with
+    """
+    if name == RAY:
+        from datafactory.run.cluster.engine import connected
+
+        with connected(address, announce) as engine:
+            yield engine
+    elif address is not None:
+        raise InputError("--address", f"{address!r} with --engine {name}", f"--engine {RAY}")
+    else:
+        yield Local()

@@ -1,4 +1,4 @@
-"""An order's inputs made ready: scenes opened and merged, frames dealt.
+"""An order's inputs made ready: scenes opened and merged, frames dealt, and what the manifest will say of them.
 
 Rendering, tracing, ``plan``, the accuracy sweep and the error budget all start from here.
 """
@@ -7,88 +7,118 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from importlib.metadata import version
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from datafactory.effects.catalogue import ALL, NO_CHOICE
-from datafactory.frame.deal import Deal, PreparedScene, drawn_scene, generator, sequence_seed, split_of
-from datafactory.frame.points import PointTargets
+from datafactory.frame.deal import PreparedScene, dealt
+from datafactory.frame.points import PointTargets, rayleigh_length
 from datafactory.paths.merged_scene import merge_scene
+from datafactory.paths.storage import paths_schema
+from datafactory.run.job import Job
 from datafactory.run.memory import Load
-from datafactory.run.order import Order, StoredPaths, stored_paths
-from datafactory.scenes.boxes import CLEAR_M, Movers, boxed_things
-from datafactory.scenes.drives import CRUISING_SPEEDS, draw_drive
-from datafactory.scenes.ground import Ground
+from datafactory.run.order import Order
+from datafactory.scenes.boxes import boxed_things
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
-from datafactory.scenes.poses import DRAWN_SPEEDS, Pose
+from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
-from datafactory.scenes.tracks import nearest_m
-from datafactory.scenes.traffic.population import sensor_ground
-from shared.dataset.locations import Location
+from shared.dataset import arrow_schema, description
+from shared.radar import Radar
+from shared.signal.tdm import statement
+from shared.signal.windows import angle_window, point_spread
 
 Announce = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Prepared:
-    """What a run starts from.
+class Recipe:
+    """What a run follows: it is the last that knows of an order.
 
-    :param scenes: those that are traced; none where paths were traced before
-    :param deal: which frame is which
-    :param stored: shard and row of every scene frame whose paths were traced before
-    :param arguments: what of it determines the bytes, by the names that the user knows
-    :param entries: the manifest's ``scenes``
+    :param job: what determines the bytes of the frames
+    :param manifest: its entries that are the run's own, ``arguments`` among them
     """
 
-    scenes: tuple[PreparedScene, ...]
-    deal: Deal
-    stored: tuple[tuple[Location, int], ...]
-    arguments: dict[str, Any]
-    entries: list[dict[str, Any]]
+    job: Job
+    manifest: dict[str, Any]
 
 
 def prepare(
-    order: Order,
-    table: MaterialTable,
-    announce: Announce = lambda line: None,
-) -> Prepared:
+    order: Order, table: MaterialTable, announce: Announce = lambda line: None, paths_alone: bool = False
+) -> Recipe:
     """Make an order's inputs ready.
 
+    :param paths_alone: for a folder of traced paths in place of a dataset of frames
     :raises InputError: whatever is wrong with a scene or with a folder of traced paths
     """
-    if order.traced is not None:
-        return _from_stored(order, stored_paths(order, order.traced))
     if said := _named_in_vain(order):
         announce(said)
     opened = opened_scenes(order)
     scenes = tuple(prepared_scene(scene, table, announce) for scene in opened)
-    for scene in opened:
-        if said := _late_poses(scene, order.given):
-            announce(said)
-    deal = deal_of(order, opened)
-    for scene in opened if order.drives is not None else ():
-        if said := _late_poses(scene, [pose for track in deal.tracks for pose in track]):
-            announce(said)
-    for said in (*close_tracks(deal), *_poses_in_traffic(deal, opened)):
-        announce(said)
-    arguments = {
-        **_common_arguments(order),
-        "scenes": [{"scene": scene.name, "content": scene.content} for scene in scenes],
-        "materials": [scene.materials.to_json() for scene in scenes],
-        "frames": order.frames,
-        "poses": [asdict(pose) for pose in order.poses],
-        "tracks": [[asdict(pose) for pose in track] for track in order.tracks],
-        "drives": None if order.drives is None else asdict(order.drives),
-        "trace": asdict(order.settings.trace),
-        **({} if order.speeds is None else {"speed_mps": list(order.speeds)}),
-    }
+    arguments, of_scenes = _arguments(order, scenes, paths_alone), order.of_scenes
     entries = [_entry(source, scene.materials) for source, scene in zip(opened, scenes, strict=True)]
-    return Prepared(scenes, deal, (), arguments, entries)
+    if order.traced is not None:
+        entries = order.traced.entries
+    deal = dealt(order, opened)
+    for said in (*(_late_poses(scene, deal.given) for scene in opened), *deal.remarks()):
+        if said:
+            announce(said)
+    about = {} if paths_alone else _frames_described(order)
+    schema = paths_schema() if paths_alone else arrow_schema(about)
+    job = Job(
+        radar=order.radar,
+        deal=deal,
+        scenes=scenes,
+        settings=order.settings,
+        of_scenes=of_scenes,
+        schema_message=schema.serialize().to_pybytes(),
+        paths_alone=paths_alone,
+    )
+    stated = {name: about[name] for name in STATED if name in about}
+    if order.licence is not None:
+        stated["license"] = order.licence
+    return Recipe(job, {"arguments": arguments, "scenes": entries, **stated})
+
+
+STATED = ("radar", "array", "virtual_sensor", "axes", "shapes", "conventions", "truth")
+"""What the manifest says as each shard's metadata does."""
+
+
+def _frames_described(order: Order) -> dict[str, Any]:
+    """What the frames of an order are, as each shard's metadata says it."""
+    processing = order.settings.processing
+    conventions = _conventions(order.radar, processing.truth_window)
+    return description(order.radar, processing.peaks, processing.store, conventions)
+
+
+def _conventions(radar: Radar, window: str) -> dict[str, Any]:
+    """What a reader of one shard needs to know beside the axes.
+
+    :param window: of the truth, see :func:`shared.signal.windows.angle_window`
+    """
+    elements = radar.virtual_sensor.channels
+    y, wavelength = radar.virtual_sensor.rx[:, 1], radar.waveform.wavelength_m
+    spacing = abs(float(y[1] - y[0])) if len(y) > 1 else 0.0
+    width = sidelobe = None  # of what is no line of elements
+    if spacing > 0.0:
+        width, sidelobe = point_spread(angle_window(window, elements), spacing / wavelength)
+    return {
+        "conventions": {
+            "frame": "x forward, y left, z up, origin at the centroid of the full array's RX; u = y / range",
+            "units": "range_channel and image_peak in sqrt(W), noise_power in W per channel and range-Doppler cell",
+            "velocity": "; ".join(filter(None, ("range rate, positive is receding", statement(radar)))),
+            "image": "truth magnitude relative to image_peak; row r in the first Doppler cell of range bin r",
+        },
+        "truth": {
+            "window": window,
+            "width_u": width,
+            "width_bins": None if width is None else width / radar.grid.step,
+            "peak_sidelobe_db": sidelobe,
+            "rayleigh_length_u_of_array": rayleigh_length(radar),
+        },
+    }
 
 
 def opened_scenes(order: Order) -> list[Scene]:
@@ -115,86 +145,29 @@ def load_of(order: Order, scenes: Sequence[Scene], rendered: bool = True) -> Loa
     )
 
 
-def deal_of(order: Order, scenes: Sequence[Scene]) -> Deal:
-    """How the frames of an order are dealt to its scenes.
-
-    :raises InputError: no free ground, or no lane for a drive
-    """
-    grounds = () if order.given else tuple(sensor_ground(scene) for scene in scenes)
-    tracks = drawn_tracks(order, scenes, grounds) if order.drives is not None else order.tracks
-    number_of = partial(drawn_scene, scenes=len(scenes), pattern=order.split)
-    return Deal(
-        seed=order.seed,
-        pattern=order.split,
-        scenes=len(scenes),
-        frames=0 if tracks else order.frames,
-        poses=order.poses,
-        tracks=tracks,
-        track_scenes=tuple(number_of(k) if order.drives is not None else k % len(scenes) for k in range(len(tracks))),
-        grounds=grounds,
-        speeds=order.speeds or DRAWN_SPEEDS,
-        traffic=tuple(map(Movers, scenes)),
-        points=order.points,
-        targets=order.targets,
-    )
-
-
-def drawn_tracks(order: Order, scenes: Sequence[Scene], grounds: Sequence[Ground]) -> tuple[tuple[Pose, ...], ...]:
-    """The drives of an order, the last cut where the frames end; each in its scene and in the region of its split."""
-    asked = order.drives
-    if asked is None or not order.frames:
-        return ()
-    tracks, movers = [], [Movers(scene) for scene in scenes]
-    for number in range(-(-order.frames // asked.frames)):
-        scene = drawn_scene(number, len(scenes), order.split)
-        stream = generator(sequence_seed(order.seed, number), "pose")
-        split, speeds = split_of(number, order.split), order.speeds or CRUISING_SPEEDS
-        tracks.append(draw_drive(grounds[scene], movers[scene], split, asked, stream, speeds))
-    over = len(tracks) * asked.frames - order.frames
-    return (*tracks[:-1], tracks[-1][: asked.frames - over])
-
-
-NEIGHBOURS_M = 10.0
-"""Tracks of different splits in one scene that come nearer than this are told: a test would be of what was trained."""
-
-
-def close_tracks(deal: Deal) -> list[str]:
-    """What to say of tracks of different splits that come near each other."""
-    said = []
-    for one, other in combinations(range(len(deal.tracks)), 2):
-        splits = split_of(one, deal.pattern), split_of(other, deal.pattern)
-        if splits[0] == splits[1] or deal.track_scenes[one] != deal.track_scenes[other]:
-            continue
-        if (apart_m := nearest_m(deal.tracks[one], deal.tracks[other])) < NEIGHBOURS_M:
-            said.append(
-                f"sequences {one} ({splits[0]}) and {other} ({splits[1]}) come within {apart_m:.1f} m of each other"
-            )
-    return said
-
-
-def deal_of_stored(order: Order, stored: StoredPaths) -> Deal:
-    """How the frames of paths that were traced before are dealt: as their rows say."""
-    return Deal(
-        seed=order.seed,
-        pattern=order.split,
-        scenes=len(stored.entries),
-        traced=stored.scene_numbers,
-        traced_sequences=stored.sequences,
-        points=order.points,
-        targets=order.targets,
-    )
-
-
-def _from_stored(order: Order, stored: StoredPaths) -> Prepared:
-    deal = deal_of_stored(order, stored)
-    arguments = {
-        **_common_arguments(order),
-        "paths": list(stored.checksums),
-    }
-    return Prepared((), deal, stored.places, arguments, stored.entries)
-
-
-def _common_arguments(order: Order) -> dict[str, Any]:
+def _arguments(order: Order, scenes: Sequence[PreparedScene], paths_alone: bool) -> dict[str, Any]:
+    """What of an order determines the bytes, by the names that the user knows."""
+    settings, found = order.settings, dict[str, Any]()
+    if order.traced is not None:
+        found["paths"] = list(order.traced.checksums)
+    else:
+        found |= {
+            "scenes": [{"scene": scene.name, "content": scene.content} for scene in scenes],
+            "materials": [scene.materials.to_json() for scene in scenes],
+            "frames": order.frames,
+            "poses": [asdict(pose) for pose in order.poses],
+            "tracks": [[asdict(pose) for pose in track] for track in order.tracks],
+            "drives": None if order.drives is None else asdict(order.drives),
+            "trace": asdict(settings.trace),
+        }
+        if order.speeds is not None:
+            found["speed_mps"] = list(order.speeds)
+    if not paths_alone:
+        found["processing"] = asdict(settings.processing)
+        found["prune_db"] = settings.prune_db
+        found["close_targets"] = asdict(settings.close_targets)
+    if order.licence is not None:
+        found["license"] = order.licence
     return {
         "effects": "auto" if order.effects is None else order.effects.names,
         "budget_db": order.budget_db if order.effects is None else None,
@@ -203,8 +176,9 @@ def _common_arguments(order: Order) -> dict[str, Any]:
         "seed": order.seed,
         "split": order.split,
         "radar": order.radar.model_dump(mode="json"),
-        "device": order.settings.device,
+        "device": settings.device,
         "versions": {name: version(name) for name in ("sparseradar-datafactory", "sionna-rt")},
+        **found,
     }
 
 
@@ -234,7 +208,7 @@ def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> Pr
 
 def _named_in_vain(order: Order) -> str:
     """What to say of effects that were chosen and are no choice; "" without such."""
-    if order.effects is None or order.effects == ALL:
+    if order.effects is None or order.effects == ALL or order.traced is not None:
         return ""
     named = ", ".join(name for name in NO_CHOICE if getattr(order.effects, name))
     return f"--effects: {named} made no difference: simulated wherever something to work on is" if named else ""
@@ -250,14 +224,6 @@ def _late_poses(scene: Scene, poses: Sequence[Pose]) -> str:
     return (
         f"{scene.name}: {late} of {len(poses)} poses are not before {ends_s:g} s, from when on what has samples rests"
     )
-
-
-def _poses_in_traffic(deal: Deal, scenes: Sequence[Scene]) -> list[str]:
-    """What to say of given poses that something of a population drives or walks through."""
-    traffic = [Movers(scene) for scene in scenes]
-    given = [(traffic[deal.scene_of(n)], pose) for n, pose in enumerate(deal.poses)]
-    near = sum(movers.populated_s is not None and not movers.clear_of([pose]) for movers, pose in given)
-    return [f"{near} of {len(given)} poses are within {CLEAR_M:g} m of what drives or walks by"] if near else []
 
 
 def _entry(scene: Scene, materials: MaterialMapping) -> dict[str, Any]:

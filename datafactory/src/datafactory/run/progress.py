@@ -19,11 +19,12 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from datafactory.run.card import write_card
-from datafactory.run.shards import ShardPlan, write_manifest
+from datafactory.run.shards import ShardPlan
 from shared.dataset.claims import claimed as hold
 from shared.dataset.documents import read_json, sealed, unsealed
 from shared.dataset.folder import MANIFEST, ShardRecord, read_manifest
 from shared.dataset.locations import Location, file_names, file_size
+from shared.dataset.manifest import write_manifest
 from shared.dataset.stores import objects_under
 from shared.dataset.writing import is_as_recorded, remove_folder, remove_partial, scratch, write_json
 from shared.physics.errors import InputError

@@ -21,11 +21,10 @@ import pyarrow.parquet as pq
 from datafactory.defaults import CPU
 from datafactory.paths.backend import cuda_device
 from shared.dataset import Frame, to_record_batch
-from shared.dataset.documents import sealed
 from shared.dataset.folder import SPLITS
 from shared.dataset.locations import Location, sha256_of
-from shared.dataset.manifest import MANIFEST, ShardRecord
-from shared.dataset.writing import atomic, make_folder, write_json
+from shared.dataset.manifest import ShardRecord
+from shared.dataset.writing import atomic, make_folder
 
 FRAMES_PER_SHARD = 8
 """Frames in a full shard: 12 MB for the default radar, 400 MB with its cubes; what is not whole a killed run loses."""
@@ -150,18 +149,6 @@ def write_tables(path: Location, tables: Iterable[pa.Table], schema: pa.Schema, 
     return ShardRecord(path=f"{path.parent.name}/{path.name}", rows=rows, bytes=size, sha256=digest)
 
 
-def write_manifest(directory: Location, manifest: Mapping[str, Any]) -> Location:
-    """Write ``DIR/manifest.json`` in one step, keys sorted.
-
-    The pipeline fills it: ``version``, ``shards`` (one :class:`ShardRecord` each, as a dict), ``arguments``, radar and
-    axes, ``seeds``, ``scenes``, ``effects``, ``counts``, and ``made``, the only key that may differ between equal runs.
-    ``sha256`` is added, of all but ``made``.
-    """
-    path = directory / MANIFEST
-    write_json(path, sealed(manifest))
-    return path
-
-
 def frame_options(schema: pa.Schema) -> dict[str, Any]:
     """How shards of frames are written: options of :func:`write_tables`."""
     arrays = [field.name for field in schema if pa.types.is_fixed_size_list(field.type)]
@@ -180,7 +167,7 @@ def provenance(
 ) -> dict[str, Any]:
     """The manifest's ``made``.
 
-    :param engine: that made the shards, see :mod:`datafactory.run.engines`
+    :param engine: that made the shards, see :mod:`datafactory.run.portions`
     :param workers: its processes; 0 on a cluster for all that its nodes had
     :param seconds: wall-clock seconds of the run
     :param step_seconds: seconds of each step of the chain, added over the workers

@@ -23,7 +23,7 @@ from matplotlib.image import imread, imsave
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 from scipy.spatial.transform import Rotation
 
 from datafactory.frame.deal import PreparedScene
@@ -42,7 +42,7 @@ from shared.dataset.reading import radar_of
 from shared.dataset.writing import atomic, make_folder
 from shared.physics.errors import InputError, figure_text
 from shared.pictures import save_figure
-from shared.radar import first_validation_error
+from shared.radar import validated
 
 Real = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -230,10 +230,7 @@ class Cameras:
 
     def __init__(self, dataset: Dataset, scenes: Sequence[Scene] = (), materials: MaterialTable | None = None) -> None:
         self._source = dataset.path / MANIFEST
-        try:
-            self._rendered = _Rendered.model_validate(dataset.manifest)
-        except ValidationError as error:
-            raise InputError(self._source, *first_validation_error(error)) from error
+        self._rendered = validated(_Rendered, dataset.manifest, self._source)
         self._radar = radar_of(dataset.description(), self._source)
         self._given = {scene.content_hash(): scene for scene in scenes}
         self._materials = materials or load_materials()

@@ -14,8 +14,9 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from shared.dataset import VERSION
-from shared.dataset.documents import read_json, unsealed
+from shared.dataset.documents import read_json, sealed, unsealed
 from shared.dataset.locations import Location, RemotePath, file_size, sha256_of
+from shared.dataset.writing import write_json
 from shared.physics.errors import InputError
 from shared.radar import validated
 
@@ -68,6 +69,18 @@ def read_manifest(directory: Location) -> dict[str, Any]:
     manifest = read_json(path, "a manifest made by datafactory")
     check_version(path, manifest)
     return unsealed(path, manifest)
+
+
+def write_manifest(directory: Location, manifest: Mapping[str, Any]) -> Location:
+    """Write ``DIR/manifest.json`` in one step, keys sorted.
+
+    A run fills it: ``version``, ``shards`` (one :class:`ShardRecord` each, as a dict), ``arguments``, radar and
+    axes, ``seeds``, ``scenes``, ``effects``, ``counts``, and ``made``, the only key that may differ between equal runs.
+    ``sha256`` is added, of all but ``made``.
+    """
+    path = directory / MANIFEST
+    write_json(path, sealed(manifest))
+    return path
 
 
 def shard_records(path: Location, manifest: Mapping[str, Any]) -> tuple[ShardRecord, ...]:

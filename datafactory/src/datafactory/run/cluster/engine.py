@@ -17,7 +17,8 @@ import cloudpickle
 
 from datafactory.run.cluster.driver import PROBE_S, Begin, Connect, Connected, Look, Reached
 from datafactory.run.cluster.node import Given, surroundings_of
-from datafactory.run.portions import PortionWork, Rows, RunFailed
+from datafactory.run.job import PortionWork, Rows
+from datafactory.run.portions import RunFailed
 from datafactory.run.shards import Portion
 from shared.dataset.locations import absolute
 from shared.physics.errors import InputError
@@ -44,7 +45,7 @@ GONE = (
 def connected(address: str | None, announce: Callable[[str], None]) -> Iterator[RayEngine]:
     """A cluster that is ready to work, until the end of the block.
 
-    :param address, announce: see :func:`datafactory.run.engines.opened`
+    :param address, announce: see :func:`datafactory.run.portions.opened`
     :raises InputError: Ray is not installed; no cluster, or one that would make other bytes
     """
     if find_spec("ray") is None:
@@ -149,8 +150,9 @@ def _require_answer(address: str) -> None:
 
 def _as_seen_from_anywhere(work: PortionWork) -> PortionWork:
     """The folder that a command runs in is not that of a node's processes."""
-    stored = tuple((absolute(path), row) for path, row in work.job.stored)
-    return replace(work, job=replace(work.job, stored=stored))
+    deal = work.job.deal
+    stored = tuple(replace(row, shard=absolute(row.shard)) for row in deal.stored)
+    return replace(work, job=replace(work.job, deal=replace(deal, stored=stored)))
 
 
 class RayEngine:

@@ -20,7 +20,7 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import UInt8
 
-from datafactory.run.portions import PortionWork
+from datafactory.run.job import PortionWork
 from datafactory.run.shards import PACKAGES, Portion
 from shared.dataset.locations import file_size
 from shared.physics.errors import InputError
@@ -118,7 +118,7 @@ def _ready_for(given: Any) -> PortionWork:
         read: Given = pickle.loads(ray.get(given))
     except (ImportError, AttributeError) as error:  # a class of the user's own, say a target's
         raise InputError("--engine", f"{where()} lacks what this run needs: {error}", "it on all nodes") from error
-    for path in {path for path, _ in read.work.job.stored}:
+    for path in {row.shard for row in read.work.job.deal.stored}:
         if file_size(path) is None:
             problem = f"node {where()} has no file {path}"
             raise InputError("--paths", problem, "a folder that every node sees under the same name")
