@@ -33,10 +33,10 @@ from datafactory.paths.scattering import share_at
 from datafactory.paths.solver import Bundle, TraceSettings
 from datafactory.paths.table import DIFFUSE, SPECULAR
 from datafactory.paths.thinning import cell_of, thinned
-from datafactory.paths.view import Complex, Hits, Index, Real, View, Waves
+from datafactory.paths.view import Hits, View, Waves
 from datafactory.paths.wave_steps import reflected_fields, reflectivity
 from shared.physics.compiled import compiled
-from shared.physics.vectors import dots, lengths, taken
+from shared.physics.vectors import Complex, Index, Real, dots, lengths, taken
 
 CLOSEST_M = 0.01
 """Nearer surfaces do not scatter: the antennas' own size matters there. Single mirrors have the same bound."""

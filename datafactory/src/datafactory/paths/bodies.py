@@ -19,9 +19,7 @@ from scipy.spatial import cKDTree
 
 from datafactory.paths.merged_scene import MergedMesh, MergedScene, found_once
 from datafactory.paths.unfold import unit
-
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Index, Mask, Real
 
 WELD_M = 1e-4
 """Vertices nearer than this are one [m]."""
@@ -51,7 +49,7 @@ class Body:
     doubles: Index
     pairs: Index
     faces: Index
-    rim: NDArray[np.bool_]
+    rim: Mask
     non_manifold: int
     collapsed: int
     found: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
@@ -140,7 +138,7 @@ def _body(meshes: Sequence[MergedMesh], members: list[int]) -> Body:
     )
 
 
-def _shared_edges(triangles: Index) -> tuple[Index, Index, NDArray[np.bool_], int]:
+def _shared_edges(triangles: Index) -> tuple[Index, Index, Mask, int]:
     """Edges of one or two triangles: vertices [E, 2], triangles [E, 2] (twice the same on a rim), rims [E].
 
     Last, the number of edges that more than two triangles share; none of those is used.

@@ -20,7 +20,6 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.paths.candidates import CHAIN, Candidates
 from datafactory.paths.corner_edges import CornerEdges, corners_of
@@ -28,9 +27,7 @@ from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.solver import Bundle
 from datafactory.paths.table import DIFFUSE
 from datafactory.paths.view import View
-
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Index, Mask, Real
 
 LARGER = 2.0
 """How much larger than it is, about its centre, a triangle counts in each direction."""
@@ -73,7 +70,7 @@ def _closed(corner: Real, normal: Real, height: Real) -> tuple[Real, Real]:
     return images[-1][closes], place[closes]
 
 
-def _within(corner: Real, place: Real) -> NDArray[np.bool_]:
+def _within(corner: Real, place: Real) -> Mask:
     """[n] whether points [n, 3] in the planes of triangles [n, 3, 3] lie within these, enlarged by ``LARGER``."""
     one, other, here = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0], place - corner[:, 0]
     a, b, c = (np.einsum("ni,ni->n", x, y) for x, y in ((one, one), (one, other), (other, other)))

@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.poses import Pose
-from shared.physics.vectors import taken
-
-Real = NDArray[np.float64]
+from shared.physics.vectors import Real, taken
 
 WHOLE = {"kind": "whole"}
 """Metadata of a field that is about all things."""

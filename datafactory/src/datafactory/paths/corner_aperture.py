@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fresnel
 
 from datafactory.paths.columns import Columns
@@ -17,10 +16,7 @@ from datafactory.paths.corner_edges import CornerEdges
 from datafactory.paths.diffraction import Sight
 from datafactory.paths.geometry import ray_margin_m
 from shared.physics.compiled import compiled
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Complex, Index, Mask, Real
 
 SPREAD_M = 0.15
 """Difference in path length at which an end of the aperture has faded to 1/e [m]: half a range cell of the default
@@ -188,7 +184,7 @@ def _like(value: Real, points: Real) -> Real:
     return value if points.ndim == 1 else value[:, None]
 
 
-def integrals(cells: Cells, views: Views, wavelength_m: float, seen: NDArray[np.bool_]) -> Complex:
+def integrals(cells: Cells, views: Views, wavelength_m: float, seen: Mask) -> Complex:
     """[2, C] F of both orders.
 
     :param seen: [2, K, ACROSS] whether a piece of the aperture is in sight
@@ -207,7 +203,7 @@ def _pieces_across(one: FaceOrder, wavelength_m: float) -> Complex:
     return np.diff(one.share_to(ends, wavelength_m), axis=1)
 
 
-def without_hidden(cells: Cells, seen: NDArray[np.bool_]) -> tuple[Cells, NDArray[np.bool_]]:
+def without_hidden(cells: Cells, seen: Mask) -> tuple[Cells, Mask]:
     some = np.flatnonzero(seen.any(axis=(0, 2)))
     return cells.take(some), seen[:, some]
 
@@ -229,9 +225,7 @@ def widths_across(cells: Cells, views: Views, wavelength_m: float, count: int) -
     return np.bincount(cells.corner, weight * v, count) / np.maximum(total, 1e-300)
 
 
-def pieces_in_sight(
-    corners: CornerEdges, cells: Cells, views: Views, wavelength_m: float, sight: Sight
-) -> NDArray[np.bool_]:
+def pieces_in_sight(corners: CornerEdges, cells: Cells, views: Views, wavelength_m: float, sight: Sight) -> Mask:
     """[2, K, ACROSS] whether both legs to the pieces of the aperture are free."""
     seen = np.ones((2, len(cells.corner) * ACROSS), dtype=bool)
     for order in (0, 1):

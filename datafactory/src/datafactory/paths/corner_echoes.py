@@ -70,10 +70,7 @@ from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import CORNER, ScatteredPaths, SpecularPaths
 from datafactory.paths.unfold import unit
 from shared.physics.units import db_to_power
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Complex, Index, Mask, Real
 
 FAINTEST_DBSM = -45.0
 """Echoes of smaller cross sections are left out."""
@@ -106,9 +103,7 @@ class CornerEchoes:
         power = self._slabs.wavelength_m**2 * self._section / (64.0 * np.pi**3 * self._views.height**4)
         return Candidates.of(CORNER_ECHO, self._nearest, power)
 
-    def seen(
-        self, sight: Sight, worth: NDArray[np.bool_] | None = None
-    ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
+    def seen(self, sight: Sight, worth: Mask | None = None) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
         """Small corners and wide ones, with the delay law that suits either, and counts.
 
         Most corners of a scene are hidden: the integrals are of those in sight.
@@ -185,9 +180,7 @@ def _bound(corners: CornerEdges, views: Views, nearest: Real, wavelength_m: floa
     return np.pi * (h * across * along) ** 2
 
 
-def _kept(
-    mask: NDArray[np.bool_], corners: CornerEdges, views: Views, cells: Cells
-) -> tuple[CornerEdges, Views, Cells]:
+def _kept(mask: Mask, corners: CornerEdges, views: Views, cells: Cells) -> tuple[CornerEdges, Views, Cells]:
     """Corners, views and cells of those that stay."""
     place = np.cumsum(mask) - 1
     cells = cells.take(mask[cells.corner])

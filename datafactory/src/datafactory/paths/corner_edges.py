@@ -27,9 +27,7 @@ from datafactory.paths.merged_scene import MergedScene, Part, found_once, motion
 from datafactory.paths.planar_faces import TOUCH_M, PlanarFaces, planar_faces_of
 from datafactory.paths.unfold import unit
 from shared.physics.compiled import compiled
-
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Index, Mask, Real
 
 LEAST_REACH_M = 0.005
 """Faces that reach less far from the edge, over all of a corner, make none: they are narrower than a wavelength [m]."""
@@ -90,7 +88,7 @@ class CornerEdges(Placed):
         nearest = np.clip(-np.einsum("ci,ci->c", self.origin, self.direction), low, high)
         return self.take(np.linalg.norm(self.origin + nearest[:, None] * self.direction, axis=1) < distance_m)
 
-    def joins(self, triangle: Index, other: Index) -> NDArray[np.bool_]:
+    def joins(self, triangle: Index, other: Index) -> Mask:
         """[n] whether two triangles [n] each belong to the two faces of one corner."""
         count = int(self.face_of_triangle.max(initial=-1)) + 1
         faces = np.sort(np.stack([self.face_of_triangle[triangle], self.face_of_triangle[other]], axis=1), axis=1)
@@ -190,7 +188,7 @@ def _lines(faces: PlanarFaces, triangles: Real) -> tuple[Real, Real, Real]:
     return near + off, along, np.cross(normals, along[:, None])
 
 
-def _runs(pair: Index, sides: Real, pieces: Real, turned: NDArray[np.bool_]) -> tuple[Index, Index]:
+def _runs(pair: Index, sides: Real, pieces: Real, turned: Mask) -> tuple[Index, Index]:
     """Number of the corner of each strip [S], and the first strip of each corner: strips without gaps along the edge.
 
     Strips come pair by pair and quarter by quarter, in order along the line; ``turned`` ones in the reverse order.

@@ -21,7 +21,6 @@ aperture is left out and counted. The sensor's own parallax over the aperture is
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.paths.candidates import CORNER as CORNER_ECHO
 from datafactory.paths.candidates import Candidates
@@ -37,10 +36,7 @@ from datafactory.paths.table import CORNER, ScatteredPaths, SpecularPaths
 from datafactory.paths.unfold import unit
 from shared.physics.compiled import compiled
 from shared.physics.units import db_to_power
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Complex, Index, Mask, Real
 
 AROUND = 720
 """Directions around the apex over which the aperture is summed."""
@@ -90,9 +86,7 @@ class CornerPointEchoes:
         """Of every corner: what it would send back if all directions of its aperture were in phase."""
         return Candidates.of(CORNER_ECHO, self._points.apex, (self._scale * np.abs(self._local).mean(axis=1)) ** 2)
 
-    def seen(
-        self, sight: Sight, worth: NDArray[np.bool_] | None = None
-    ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
+    def seen(self, sight: Sight, worth: Mask | None = None) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
         """Small corners and wide ones, with the delay law that suits either, and counts.
 
         :param worth: which of the candidates are followed; None for all
@@ -185,7 +179,7 @@ def _around(apex, axes, reach, home, start, aside, cosine, sine):
     return face, rim, width, longer
 
 
-def _in_sight(points: CornerPoints, face: Index, rim: Real, wavelength_m: float, sight: Sight) -> NDArray[np.bool_]:
+def _in_sight(points: CornerPoints, face: Index, rim: Real, wavelength_m: float, sight: Sight) -> Mask:
     """[Q, M] whether the faces are in sight in these directions: half-way to the rim, or within the first zones."""
     step = AROUND // LOOKS
     looks = np.arange(LOOKS) * step + step // 2

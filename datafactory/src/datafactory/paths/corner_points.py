@@ -22,9 +22,7 @@ from datafactory.paths.merged_scene import MergedScene, Part, found_once, motion
 from datafactory.paths.planar_faces import PlanarFaces, planar_faces_of
 from datafactory.paths.unfold import unit
 from shared.physics.compiled import compiled
-
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Index, Real
 
 DIRECTIONS = 45
 """In which the reach of a face is sampled over a right angle: every two degrees."""

@@ -62,9 +62,7 @@ from datafactory.paths.mirrors import AHEAD_M, CLOSEST_M, MirrorEchoes, plane_am
 from datafactory.paths.table import ScatteredPaths, SpecularPaths
 from datafactory.paths.unfold import apart, unit
 from datafactory.paths.view import View
-
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Complex, Index, Mask, Real
 
 INSIDE = 1e-6
 """Barycentric coordinates may fall below zero by this: triangles share their sides, and a foot there is one."""
@@ -78,7 +76,6 @@ exactly through edges of a mesh, as in symmetric scenes, slip through it."""
 FLATTEST = 1e-9
 """Determinant of the search's equations over that of a plane, below which all points of a triangle are feet: it lies
 around its focus."""
-Complex = NDArray[np.complex128]
 TX_OFFSET_M, RX_OFFSET_M = 0.05, 0.25
 """Distances from the origin of the default radar's TX, and of the outermost RX of the truth's sensor [m]."""
 ALONG_AXIS = 1e-6
@@ -264,7 +261,7 @@ def _along_array(sight: Real, bend: Real, axes: Real) -> Real:
     return np.where(known, np.einsum("nj,nj->n", bend, part) / np.where(known, square, 1.0), 0.5 * bend.sum(axis=1))
 
 
-def _law_of_points(range_m: Real, k: Real) -> NDArray[np.bool_]:
+def _law_of_points(range_m: Real, k: Real) -> Mask:
     """[n] whether the law of scattered paths has the smaller error; that of specular ones holds for every k."""
     positive = np.where(k > 0.0, k, 1.0)
     sum_m = 2.0 * range_m / (1.0 + range_m * positive)

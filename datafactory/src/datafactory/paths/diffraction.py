@@ -34,7 +34,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fresnel
 
 from datafactory.paths.candidates import EDGE, Candidates
@@ -46,11 +45,10 @@ from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import DIFFRACTED, ScatteredPaths, SpecularPaths
 from datafactory.paths.unfold import unit
 from shared.physics.compiled import compiled
+from shared.physics.vectors import Complex, Index, Mask, Real
 from shared.physics.wedge import WedgeGeometry, diffraction_coefficient
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Sight = Callable[[Real, Real], NDArray[np.bool_]]
+Sight = Callable[[Real, Real], Mask]
 """Whether nothing stands between points [K, 3] and [K, 3] of the radar frame: ``partial(clear_between, scene)``."""
 
 LEAST_SHARE = 0.05
@@ -79,14 +77,14 @@ class EdgeRays(Columns):
     :param at_end: [K] whether ``point`` is an end of the edge
     """
 
-    observer: NDArray[np.int64]
-    edge: NDArray[np.int64]
+    observer: Index
+    edge: Index
     point: Real
     inward: Real
     outward: Real
     geometry: WedgeGeometry
     share: Complex
-    at_end: NDArray[np.bool_]
+    at_end: Mask
 
 
 def rays_over_edges(edges: WedgeEdges, source: Real, observer: Real, wavelength_m: float) -> EdgeRays:
@@ -246,9 +244,7 @@ class EdgeEchoes:
         """Of every ray over an edge: what it sends back where it is in sight."""
         return Candidates.of(EDGE, self.rays.point, np.abs(self.amplitude) ** 2)
 
-    def seen(
-        self, sight: Sight, worth: NDArray[np.bool_] | None = None
-    ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
+    def seen(self, sight: Sight, worth: Mask | None = None) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
         """Edges across the array axis and edges along it, with the delay law that suits either, and counts.
 
         :param worth: which of the candidates are followed; None for all
@@ -278,7 +274,7 @@ class EdgeEchoes:
         return scattered, specular, {"edge_rays": len(tried), "edge_rays_hidden": len(tried) - len(rays)}
 
 
-def along_array(direction: Real, sight: Real) -> NDArray[np.bool_]:
+def along_array(direction: Real, sight: Real) -> Mask:
     """[K] whether an edge [K, 3] lies rather along the array axis y than across it, as seen along ``sight`` [K, 3]."""
     return direction[:, 1] ** 2 > np.cross(direction, sight)[:, 1] ** 2
 
@@ -337,6 +333,6 @@ def _sight_points(edges: WedgeEdges, rays: EdgeRays) -> Real:
     return rays.point + BESIDE_M * (aside + np.where(both, 0.0, 2.0)[:, None] * rays.inward)
 
 
-def diffracting_velocity(velocity: Real, direction: Real, at_end: NDArray[np.bool_]) -> Real:
+def diffracting_velocity(velocity: Real, direction: Real, at_end: Mask) -> Real:
     """[K, 3] velocity of the point of diffraction: without the component along the edge, except at an end."""
     return velocity - np.where(at_end, 0.0, _dot(velocity, direction))[:, None] * direction

@@ -26,9 +26,7 @@ from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of
 from datafactory.paths.merged_scene import MergedScene, found_once, motions_of
 from datafactory.paths.smooth import smooth_facets
 from datafactory.paths.unfold import unit
-
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Index, Mask, Real
 
 FLATTEST_FOLD_DEG = 15.0
 """Smallest angle between the planes of two faces that makes an edge: a 30-sided column has none, a 16-sided one does.
@@ -199,10 +197,10 @@ def _neighbours(edges: WedgeEdges, pairs: Index) -> tuple[Index, Index]:
     return np.concatenate([none, *(a for a, _ in found)]), np.concatenate([none, *(b for _, b in found)])
 
 
-def _continue_each_other(edges: WedgeEdges, a: Index, b: Index) -> NDArray[np.bool_]:
+def _continue_each_other(edges: WedgeEdges, a: Index, b: Index) -> Mask:
     """Whether edges continue each other with the same faces, of which either may be called the first."""
 
-    def near(one: Real, other: Real) -> NDArray[np.bool_]:
+    def near(one: Real, other: Real) -> Mask:
         return np.linalg.norm(one - other, axis=1) < SAME_PLANE
 
     faces = edges.face_mesh

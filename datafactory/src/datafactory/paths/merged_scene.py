@@ -24,10 +24,9 @@ from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.motion import Moving, Track, Vector, drift, triple
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import ZERO, PointTarget, Scene, SceneObject
-from shared.physics.vectors import taken
+from shared.physics.vectors import Index, Mask, Real, taken
 
 Value = TypeVar("Value")
-Real = NDArray[np.float64]
 
 
 class Keeps(Protocol):
@@ -138,8 +137,8 @@ class Part:
     """
 
     scene: MergedScene
-    meshes: NDArray[np.int64]
-    triangles: NDArray[np.int64]
+    meshes: Index
+    triangles: Index
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,18 +193,18 @@ class MergedScene:
         still = self._part(~turned) if self.at_rest is None else self.at_rest.parts[0]
         return (still, self._part(turned)) if turned.any() else (still,)
 
-    def _part(self, chosen: NDArray[np.bool_]) -> Part:
+    def _part(self, chosen: Mask) -> Part:
         meshes = np.flatnonzero(chosen)
         # What was found of the whole scene before is known of it as its only part too.
         scene = self if chosen.all() else MergedScene(tuple(self.meshes[mesh] for mesh in meshes), self.objects)
         return Part(scene, meshes, np.flatnonzero(chosen[self.mesh_of_triangle]))
 
     @cached_property
-    def mesh_of_triangle(self) -> NDArray[np.int64]:
+    def mesh_of_triangle(self) -> Index:
         """[T] index of the mesh of every triangle, all meshes' triangles one after another."""
         return np.repeat(np.arange(len(self.meshes)), [len(mesh.triangles) for mesh in self.meshes])
 
-    def carried(self, triangle: NDArray[np.int64], point: Real, mesh: NDArray[np.int64]) -> Carried:
+    def carried(self, triangle: Index, point: Real, mesh: Index) -> Carried:
         """Of points on meshes that turn: which they are, where they are at time 0, and their velocities.
 
         :param triangle: [n] all meshes' triangles one after another; :param mesh: [n] its mesh
@@ -233,7 +232,7 @@ class Carried:
     :param velocity: [k, 3] world [m/s]
     """
 
-    index: NDArray[np.int64]
+    index: Index
     at_rest: Real
     velocity: Real
 
@@ -263,7 +262,7 @@ def barycentric(corners: Real, point: Real) -> Real:
     return weights
 
 
-def motions_of(merged_scene: MergedScene, mesh: NDArray[np.int64]) -> tuple[Real, Real]:
+def motions_of(merged_scene: MergedScene, mesh: Index) -> tuple[Real, Real]:
     """Velocities [n, 3] [m/s] and shifts [n, 3] [m] of the meshes [n] of a merged scene."""
     velocity, shift = (
         np.array([getattr(item, name) for item in merged_scene.meshes]).reshape(-1, 3) for name in ("velocity", "shift")
@@ -306,9 +305,7 @@ def _motion_of(item: SceneObject) -> tuple[Vector, Hashable]:
     return item.velocity, item.motion
 
 
-def velocities_on(
-    merged_scene: MergedScene, pose: Pose, of_mesh: Real, triangle: NDArray[np.int64], point: Real
-) -> Real:
+def velocities_on(merged_scene: MergedScene, pose: Pose, of_mesh: Real, triangle: Index, point: Real) -> Real:
     """[n, 3] velocities relative to the radar, in its frame, of points on triangles [m/s].
 
     :param of_mesh: [M, 3] those of the meshes that do not turn, in the same frame

@@ -34,9 +34,7 @@ from datafactory.paths.mirrors import AXES, Ways, ways_over_mirrors
 from datafactory.paths.table import SPECULAR, TARGET, ScatteredPaths
 from datafactory.paths.unfold import mirrored_velocity, unit
 from datafactory.paths.view import View
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from shared.physics.vectors import Complex, Index, Mask, Real
 
 WEAKEST = 1e-3
 """Ways whose field is weaker than this share of free space's are left out: -60 dB one way."""
@@ -65,7 +63,7 @@ class DirectWays:
 
 
 def echoes_over_mirrors(
-    view: View, direct: DirectWays, wanted: NDArray[np.bool_] | None = None
+    view: View, direct: DirectWays, wanted: Mask | None = None
 ) -> tuple[ScatteredPaths, dict[str, int]]:
     """The echoes of point targets that take a mirror out, back, or both ways.
 
@@ -166,9 +164,7 @@ class _Views:
         )
 
 
-def _round_trips(
-    number: int, own: NDArray[np.int64], direct: DirectWays, ways: Ways, views: _Views
-) -> Iterator[_Trip | None]:
+def _round_trips(number: int, own: Index, direct: DirectWays, ways: Ways, views: _Views) -> Iterator[_Trip | None]:
     """Every way out with every way back of one echo point, but the direct one both ways; None for a pair too wide.
 
     :param own: the ways over mirrors to this point

@@ -48,8 +48,7 @@ from datafactory.paths.unfold import apart
 from datafactory.paths.view import View
 from datafactory.paths.wave_steps import reflected_fields
 from shared.physics.compiled import compiled
-
-Real = NDArray[np.float64]
+from shared.physics.vectors import Complex, Index, Mask, Real
 
 INSIDE = 1e-9
 """Barycentric coordinates may fall below zero by this: a foot on an edge belongs to both triangles, and counts once."""
@@ -61,8 +60,6 @@ AHEAD_M = 1e-6
 """A foot straight below the radar lies at x = 0, apart from rounding, and counts as ahead."""
 
 
-Complex = NDArray[np.complex128]
-Index = NDArray[np.int64]
 TOUCHING_M = 1e-4
 """A point may lie this far behind a face and still stand on it: rounding of a scene's coordinates."""
 
@@ -119,7 +116,7 @@ def single_mirrors(view: View) -> tuple[SpecularPaths, dict[str, int]]:
     return echoes.images(), {"mirrors_hidden": hidden}
 
 
-def _nearest_of_doubles(foot: Real, index: NDArray[np.int64]) -> NDArray[np.int64]:
+def _nearest_of_doubles(foot: Real, index: Index) -> Index:
     """Those of the feet ``index`` that belong to different mirrors, rising; of faces on top of each other the nearest.
 
     Triangles that share an edge may both hold a foot on it.
@@ -128,7 +125,7 @@ def _nearest_of_doubles(foot: Real, index: NDArray[np.int64]) -> NDArray[np.int6
     return np.sort(nearest[apart(2.0 * foot[nearest], SAME_IMAGE_M)])
 
 
-def way_and_back(view: View, point: Real) -> tuple[NDArray[np.complex128], NDArray[np.uint8]]:
+def way_and_back(view: View, point: Real) -> tuple[Complex, NDArray[np.uint8]]:
     """What the way to points [n, 3] and back leaves of an amplitude, 0 where they are hidden, and the kinds of path."""
     clear = view.sight(np.zeros((len(point), 3)), point)
     passed = clear.astype(np.complex128)
@@ -141,14 +138,14 @@ def way_and_back(view: View, point: Real) -> tuple[NDArray[np.complex128], NDArr
     return passed, kinds
 
 
-def plane_amplitude(view: View, mesh: NDArray[np.int64], range_m: Real) -> NDArray[np.complex128]:
+def plane_amplitude(view: View, mesh: Index, range_m: Real) -> Complex:
     """[n] amplitude of infinite planes of the meshes' materials, square to the sight at ``range_m`` [n]."""
     te, _ = view.slabs.reflection(mesh, np.ones(len(mesh)))
     scale = view.wavelength_m / (8.0 * np.pi * range_m)
     return np.asarray(np.conj(te) * (view.slabs.unscattered(mesh) * scale), dtype=np.complex128)
 
 
-def _rates_of_normals(merged_scene: MergedScene, triangle: NDArray[np.int64], mesh: NDArray[np.int64]) -> Real:
+def _rates_of_normals(merged_scene: MergedScene, triangle: Index, mesh: Index) -> Real:
     """[n, 3] rates [1/s] of the unit normals of triangles, in the world: 0 but on meshes that turn.
 
     With N = a x b of two sides, N' = a' x b + a x b', and n' = (N' - n (n . N')) / |N|.
@@ -232,7 +229,7 @@ def ways_over_mirrors(view: View, position: Real) -> Ways:
     return ways.take(apart(images, SAME_IMAGE_M))
 
 
-def _clear(view: View, foot: Real, triangle: Index, position: Real) -> NDArray[np.bool_]:
+def _clear(view: View, foot: Real, triangle: Index, position: Real) -> Mask:
     """[W] whether nothing stands on either leg.
 
     The point of reflection is lifted off its face, to the radar's side, by the error of rays in float32.

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.paths.candidates import PANE, Candidates
 from datafactory.paths.geometry import first_hits, ray_margin_m
@@ -18,10 +17,7 @@ from datafactory.paths.thinning import RANGE_CELL_M, U_CELL
 from datafactory.paths.unfold import unit
 from datafactory.paths.view import View
 from shared.physics.compiled import compiled
-from shared.physics.vectors import lengths
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from shared.physics.vectors import Complex, Index, Mask, Real, lengths
 
 Polarization = Literal["V", "H"]
 AXES: tuple[Polarization, Polarization] = ("V", "H")
@@ -48,7 +44,7 @@ class Crossings:
     """
 
     factor: Complex
-    count: NDArray[np.int64]
+    count: Index
     given_up: int
 
 
@@ -118,7 +114,7 @@ class _SurfaceWalker:
         self.travelled = np.zeros(len(direction))
         self.last = np.full((len(direction), 2), -1, dtype=np.int64)
 
-    def next_surface(self) -> tuple[NDArray[np.bool_], NDArray[np.int64], Real]:
+    def next_surface(self) -> tuple[Mask, Index, Real]:
         """Whether there is one [K], its shape's id [K] and its unit normal [K, 3]."""
         found = np.zeros(len(self.direction), dtype=bool)
         shape = np.zeros(len(self.direction), dtype=np.int64)
@@ -138,11 +134,11 @@ class _SurfaceWalker:
             pending = pending[again & (self.travelled[pending] < self.reach[pending])]
         return found, shape, normal
 
-    def leave(self, rays: NDArray[np.bool_]) -> None:
+    def leave(self, rays: Mask) -> None:
         """Follow these [K] no further."""
         self.travelled[rays] = np.inf
 
-    def _cast(self, index: NDArray[np.int64]) -> tuple[Real, NDArray[np.int64], Real]:
+    def _cast(self, index: Index) -> tuple[Real, Index, Real]:
         start = self.travelled[index, None] * self.direction[index]
         hits = first_hits(self.scene, start, self.direction[index], (self.reach - self.travelled)[index])
         triangle = np.stack([hits.shape, hits.primitive], axis=1)

@@ -11,16 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from datafactory.paths.facets import COPLANAR_COSINE, COPLANAR_M, mirrors_of
 from datafactory.paths.merged_scene import MergedScene, found_once
 from shared.physics.compiled import compiled
-
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Index, Real
 
 TOUCH_M = 0.01
 """Faces that end nearer than this to the line in which their planes meet reach it [m]: a wall that hovers 1 cm over the

@@ -40,10 +40,7 @@ from datafactory.paths.edges import WedgeEdges
 from datafactory.paths.panes import Polarization, polarization_axis
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import DIFFRACTED, TARGET, ScatteredPaths
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Complex, Index, Mask, Real
 
 EDGES_PER_TARGET = 4
 TARGETS_AT_ONCE = 64
@@ -157,7 +154,7 @@ def _legs_over(
     return legs, len(rays) - len(best)
 
 
-def _both_legs_clear(edges: WedgeEdges, rays: EdgeRays, targets: Real, sight: Sight) -> NDArray[np.bool_]:
+def _both_legs_clear(edges: WedgeEdges, rays: EdgeRays, targets: Real, sight: Sight) -> Mask:
     """[K] whether both legs are free, up to a point beside the edge, between the legs and in the wedge's exterior.
 
     Each leg ends a little beyond the plane of the other. A wall in another mesh that continues the face, so that there

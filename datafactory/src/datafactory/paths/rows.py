@@ -11,6 +11,7 @@ from datafactory.paths.solver import Bundle
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, ScatteredPaths, SpecularPaths
 from datafactory.paths.unfold import image_seen_from_tx, segment_lengths, tx_image_seen_from_rx, unit, with_ends
 from datafactory.paths.view import View
+from shared.physics.vectors import Index, Real
 
 
 def with_surfaces(part: Bundle, view: View) -> Bundle:
@@ -49,7 +50,7 @@ def with_surfaces(part: Bundle, view: View) -> Bundle:
     return Bundle(**{**vars(part), "amplitude": part.amplitude * factor})
 
 
-def _unfolded_before(lengths: NDArray[np.float64], interactions: NDArray[np.int64], step: int) -> NDArray[np.float64]:
+def _unfolded_before(lengths: Real, interactions: Index, step: int) -> Real:
     """[n] length of the path [m] from the last point where the wave spread, antenna or diffuse bounce, to ``step``."""
     total = lengths[:, step].copy()
     unbroken = np.ones(len(total), dtype=bool)

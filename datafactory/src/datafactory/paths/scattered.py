@@ -48,7 +48,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.defaults import LARGEST_DEPTH
 from datafactory.paths.arrivals import DIRECTIONS, Arrivals, Echoes, clear_of
@@ -58,10 +57,9 @@ from datafactory.paths.corner_edges import corners_of
 from datafactory.paths.panes import AXES, polarization_axis
 from datafactory.paths.scattering import share_at
 from datafactory.paths.table import DIFFUSE, SPECULAR
-from datafactory.paths.view import Real
 from datafactory.paths.wave_steps import passed_fields, reflectivity
 from shared.physics.compiled import compiled
-from shared.physics.vectors import lengths
+from shared.physics.vectors import Index, Real, lengths
 
 LEAST_RAYS = 1_000
 """No fewer are followed, where there are as many."""
@@ -203,7 +201,7 @@ class SecondBounces:
         }
 
     def _chains(self) -> Candidates:
-        arrivals, sequences = self._thin, list[NDArray[np.int64]]()
+        arrivals, sequences = self._thin, list[Index]()
         if not arrivals.settings.specular:
             return Candidates.none()
         for _ in range(LARGEST_DEPTH - 1):

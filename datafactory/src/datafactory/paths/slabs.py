@@ -23,7 +23,6 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.paths.wave_steps import passed_fields, reflected_fields
 from datafactory.scenes.materials.reflectivity import complex_permittivity
@@ -31,11 +30,7 @@ from datafactory.scenes.materials.table import Material
 from shared.physics.compiled import compiled, inlined
 from shared.physics.cycles import phasor
 from shared.physics.units import SPEED_OF_LIGHT, amplitude_to_db
-from shared.physics.vectors import dots
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Complex, Index, Mask, Real, dots
 
 OPAQUE_DB = -60.0
 """Transmission out and back below which what surfaces scatter behind a slab is not asked for: 30 dB under the default
@@ -93,7 +88,7 @@ class Slabs:
         return passed_fields(direction, normal, field, *self.transmission(mesh, cosine))
 
     @cached_property
-    def lets_through(self) -> NDArray[np.bool_]:
+    def lets_through(self) -> Mask:
         """[M] whether surfaces behind the slabs are heard. Absorption is least at normal incidence."""
         count = len(self.materials)
         te, _ = _transmission(self._eta, self._wavelengths, np.arange(count), np.ones(count))

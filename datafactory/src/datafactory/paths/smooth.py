@@ -23,16 +23,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from datafactory.paths.bodies import Body, fold_angles, into_faces
 from datafactory.paths.merged_scene import found_once
-
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from shared.physics.vectors import Index, Mask, Real
 
 SMOOTH_FOLD_DEG = 25.0
 """Largest angle between the planes of neighbouring facets of a smooth surface: a round body of 15 facets or more."""

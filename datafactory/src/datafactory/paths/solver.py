@@ -34,6 +34,7 @@ from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR
 from datafactory.scenes.materials.table import Material
 from datafactory.scenes.poses import Pose
+from shared.physics.vectors import Complex, Index, Mask, Real
 from shared.radar.front_end import Polarization
 
 PATTERNS: dict[str, dict[str, Any]] = {
@@ -120,13 +121,13 @@ class TraceSettings:
 class Bundle(Columns):
     """Traced paths: n of them, vertices from TX to RX, crossings of panes taken out."""
 
-    vertices: NDArray[np.float64]  # [n, depth, 3]
-    interactions: NDArray[np.int64]  # [n, depth] SPECULAR or DIFFUSE, 0 beyond the path's end
-    objects: NDArray[np.int64]  # [n, depth] index into the merged scene's objects, -1 beyond the end
-    triangles: NDArray[np.int64]  # [n, depth] index into the merged scene's triangles, -1 beyond the end
-    velocities: NDArray[np.float64]  # [n, depth, 3] relative to the radar
-    crossings: NDArray[np.int64]  # [n] panes passed
-    amplitude: NDArray[np.complex128]  # [n]
+    vertices: Real  # [n, depth, 3]
+    interactions: Index  # [n, depth] SPECULAR or DIFFUSE, 0 beyond the path's end
+    objects: Index  # [n, depth] index into the merged scene's objects, -1 beyond the end
+    triangles: Index  # [n, depth] index into the merged scene's triangles, -1 beyond the end
+    velocities: Real  # [n, depth, 3] relative to the radar
+    crossings: Index  # [n] panes passed
+    amplitude: Complex  # [n]
 
     @staticmethod
     def none(depth: int) -> Bundle:
@@ -279,9 +280,7 @@ def _rays_of_fan(fan: RayFan) -> Iterator[None]:
             module.fibonacci_lattice = original
 
 
-def _bundle_of(
-    paths: Any, valid: NDArray[np.bool_], shapes: dict[int, int], merged_scene: MergedScene, pose: Pose
-) -> Bundle:
+def _bundle_of(paths: Any, valid: Mask, shapes: dict[int, int], merged_scene: MergedScene, pose: Pose) -> Bundle:
     """The valid paths as float64, with the radar's own motion taken off the objects' velocities."""
 
     def columns(values: Any) -> NDArray:

@@ -26,6 +26,7 @@ from datafactory.scenes.poses import Pose
 from shared.dataset.locations import Location
 from shared.dataset.reading import open_shard
 from shared.physics.errors import InputError
+from shared.physics.vectors import Mask, Real
 
 OF_BOTH: dict[str, tuple[int, ...]] = {"amplitude": (2,), "depth": (), "object_index": (), "kinds": (), "candidate": ()}
 SHAPES = {
@@ -152,7 +153,7 @@ def to_row(frame: TracedFrame) -> dict[str, Any]:
     return row
 
 
-def _differ(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _differ(first: Real, second: Real) -> Mask:
     """[K] whether two vectors [K, 3] differ in any bit."""
     ours, theirs = (np.ascontiguousarray(vectors, dtype=np.float64).view(np.int64) for vectors in (first, second))
     return np.any(ours != theirs, axis=1, keepdims=True)[:, 0]
@@ -191,9 +192,7 @@ def from_row(batch: pa.RecordBatch) -> TracedFrame:
     )
 
 
-def _with_one_point(
-    stored: NDArray[np.float64], rx_point: NDArray[np.float64], two_points: NDArray[np.bool_]
-) -> NDArray[np.float64]:
+def _with_one_point(stored: Real, rx_point: Real, two_points: Mask) -> Real:
     """[K, 3] first points: those stored where a path has two, else its last point."""
     if len(two_points) != len(rx_point) or np.count_nonzero(two_points) != len(stored):
         raise ValueError(f"{len(stored)} first points and {len(two_points)} marks for {len(rx_point)} paths")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.paths.candidates import TARGET_MIRRORED, TARGET_SEEN, Candidates
 from datafactory.paths.diffraction import Sight
@@ -16,6 +15,7 @@ from datafactory.paths.round_corners import Hidden, echoes_round_corners
 from datafactory.paths.table import REFRACTED, TARGET, ScatteredPaths, SpecularPaths
 from datafactory.paths.view import EDGES_WITHIN_M, View
 from shared.physics.units import db_to_power
+from shared.physics.vectors import Mask, Real
 
 FAINTEST_ECHO = 1e-2 / EDGES_WITHIN_M**4
 """Cross section over the fourth power of the distance [1/m^2] below which a target in plain sight is left out: as faint
@@ -55,11 +55,11 @@ class TargetEchoes:
         )
 
     @property
-    def _amplitude(self) -> NDArray[np.float64]:
+    def _amplitude(self) -> Real:
         """[K] of the echo points in plain sight."""
         distance = np.where(self._range_m > 0.0, self._range_m, 1.0)
         wavelength = self._circumstances.wavelength_m
-        amplitude: NDArray[np.float64] = wavelength * np.sqrt(self._points.rcs_m2) / (4.0 * np.pi) ** 1.5 / distance**2
+        amplitude: Real = wavelength * np.sqrt(self._points.rcs_m2) / (4.0 * np.pi) ** 1.5 / distance**2
         return amplitude
 
     @property
@@ -77,9 +77,7 @@ class TargetEchoes:
         heard = self._loudness >= FAINTEST_ECHO
         return Candidates.joined([itself, Candidates.of(TARGET_MIRRORED, away, np.where(heard, power, 0.0))])
 
-    def seen(
-        self, sight: Sight, worth: NDArray[np.bool_] | None = None
-    ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
+    def seen(self, sight: Sight, worth: Mask | None = None) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
         """The echoes, no paths without a scattering point, and the numbers of those left out.
 
         :param worth: which of the candidates are followed; None for all
@@ -136,10 +134,10 @@ class TargetEchoes:
         return ScatteredPaths.joined(parts), SpecularPaths.none(), counts
 
 
-def _loudness(view: View) -> NDArray[np.float64]:
+def _loudness(view: View) -> Real:
     """[T] nominal cross section of every target over the fourth power of its distance [1/m^2]."""
     targets = view.merged.targets
     away = np.array([target.position for target in targets]).reshape(-1, 3) - np.asarray(view.pose.position)
     fourth = np.maximum(np.einsum("ti,ti->t", away, away) ** 2, np.finfo(float).tiny)
-    nominal: NDArray[np.float64] = db_to_power([target.rcs_dbsm for target in targets]) / fourth
+    nominal: Real = db_to_power([target.rcs_dbsm for target in targets]) / fourth
     return nominal

@@ -22,7 +22,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.paths.aim import aimed
 from datafactory.paths.arrivals import Arrivals
@@ -50,6 +49,7 @@ from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.paths.targets import TargetEchoes
 from datafactory.paths.view import View
 from datafactory.scenes.poses import Pose
+from shared.physics.vectors import Mask
 
 
 class Listed(Protocol):
@@ -59,9 +59,7 @@ class Listed(Protocol):
     def candidates(self) -> Candidates:
         """With their bounds, nothing tested for visibility."""
 
-    def seen(
-        self, sight: Sight, worth: NDArray[np.bool_] | None = None
-    ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
+    def seen(self, sight: Sight, worth: Mask | None = None) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
         """Those that are in sight, their candidates numbers in the list, and counts.
 
         :param worth: which of the candidates are followed; None for all

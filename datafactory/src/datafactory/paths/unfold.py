@@ -7,12 +7,9 @@ A mirror's normal follows from the law of reflection: it bisects the directions 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from shared.physics.vectors import lengths
-
-Real = NDArray[np.float64]
+from shared.physics.vectors import Index, Real, lengths
 
 
 def unit(vector: Real) -> Real:
@@ -21,7 +18,7 @@ def unit(vector: Real) -> Real:
     return vector / np.where(length > 0.0, length, 1.0)
 
 
-def apart(points: Real, distance: Real | float) -> NDArray[np.int64]:
+def apart(points: Real, distance: Real | float) -> Index:
     """Indices of points [n, d] that are not within ``distance``, [n] or one for all, of an earlier one."""
     if len(points) < 2:
         return np.arange(len(points))
@@ -58,7 +55,7 @@ def mirrored_velocity(velocity: Real, normal: Real, mirror_velocity: Real) -> Re
     return velocity - 2.0 * approach[:, None] * normal
 
 
-def image_seen_from_tx(vertices: Real, velocities: Real, mirrors: NDArray[np.int64]) -> tuple[Real, Real]:
+def image_seen_from_tx(vertices: Real, velocities: Real, mirrors: Index) -> tuple[Real, Real]:
     """Position [n, 3] and velocity [n, 3] of the scattering vertex behind the first ``mirrors`` [n] reflections.
 
     :param vertices: [n, depth, 3] [m]; :param velocities: [n, depth, 3] of the objects there [m/s]

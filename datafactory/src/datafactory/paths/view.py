@@ -25,11 +25,8 @@ from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.wave_steps import onto_planes
 from datafactory.scenes.poses import Pose
-from shared.physics.vectors import dots, taken
+from shared.physics.vectors import Complex, Index, Mask, Real, dots, taken
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Index = NDArray[np.int64]
 EDGES_WITHIN_M = 200.0
 """Farther edges and corners are left out [m]: at -20 dBsm they are 25 dB below a car radar's noise."""
 
@@ -179,7 +176,7 @@ class View:
         return np.cumsum([0, *(len(mesh.triangles) for mesh in self.merged.meshes)])
 
     @cached_property
-    def lobes(self) -> NDArray[np.bool_]:
+    def lobes(self) -> Mask:
         """[M] whether what a mesh scatters has lobes."""
         return np.array([has_lobes(slab.pattern) for slab in self.slabs.materials], dtype=bool)
 
@@ -199,7 +196,7 @@ class View:
         mirrors, towards = mirrors_of(self.merged), arrival @ self.rotation.T
         return reflected_share(mirrors, triangle, at_rest, towards, before_m, after_m, self.wavelength_m)
 
-    def sight(self, start: Real, end: Real) -> NDArray[np.bool_]:
+    def sight(self, start: Real, end: Real) -> Mask:
         """[K] whether nothing stands between points [K, 3] and [K, 3]."""
         return clear_between(self.geometry, start, end)
 

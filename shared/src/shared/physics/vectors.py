@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from shared.physics.compiled import compiled
 
 Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 
 def lengths(vectors: Real) -> Real:
