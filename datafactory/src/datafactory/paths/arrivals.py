@@ -26,7 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.columns import Columns
-from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.panes import polarization_axis
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import share_at
@@ -106,7 +105,7 @@ class Arrivals:
         turned = dots(self.view.velocity(hits.triangle, hits.point), waves.direction - direction)
         departing = Waves(
             hits.point,
-            clear_of(hits, 1.0),
+            hits.clear(1.0),
             direction,
             field,
             waves.length,
@@ -221,11 +220,6 @@ class Echoes:
             crossings=np.full(len(index), self.crossings, dtype=np.int64),
             amplitude=self.amplitude[index] * np.sqrt(factor),
         )
-
-
-def clear_of(hits: Hits, side: float) -> Real:
-    """[n, 3] the points off their surfaces by the ray caster's error: 1 on the side of arrival, -1 behind."""
-    return hits.point + side * ray_margin_m(lengths(hits.point))[:, None] * hits.normal
 
 
 class _Arriving(NamedTuple):

@@ -133,7 +133,7 @@ def way_and_back(view: View, point: Real) -> tuple[Complex, NDArray[np.uint8]]:
     if view.settings.refraction and not clear.all():
         behind = np.flatnonzero(~clear)
         panes = panes_between(view, point[behind], view.settings.polarization[0])
-        passed[behind] = np.where(np.abs(panes.factor) > FAINTEST, panes.factor, 0.0) ** 2
+        passed[behind] = np.where(np.abs(panes) > FAINTEST, panes, 0.0) ** 2
         kinds[behind] |= REFRACTED
     return passed, kinds
 

@@ -50,7 +50,7 @@ from dataclasses import replace
 import numpy as np
 
 from datafactory.defaults import LARGEST_DEPTH
-from datafactory.paths.arrivals import DIRECTIONS, Arrivals, Echoes, clear_of
+from datafactory.paths.arrivals import DIRECTIONS, Arrivals, Echoes
 from datafactory.paths.candidates import CHAIN, MIRRORED, TWICE, Candidates
 from datafactory.paths.chains import chain_candidates
 from datafactory.paths.corner_edges import corners_of
@@ -90,7 +90,7 @@ def behind_panes(first: Arrivals) -> Echoes:
     waves, panes = first.waves, first.hits
     te, tm = view.transmission(panes)
     field = passed_fields(waves.direction, panes.normal, waves.field, te, tm)
-    waves = replace(waves, lifted=clear_of(panes, -1.0), field=field)
+    waves = replace(waves, lifted=panes.clear(-1.0), field=field)
     index, hits = view.hit_by(waves)
     waves, panes, te, tm = waves.arrived(index, hits), panes.take(index), te[index], tm[index]
     turned = _turned_back(waves.field, polarization_axis(waves.direction, "V"))

@@ -96,10 +96,7 @@ class TargetEchoes:
         kinds = np.full(count, TARGET, dtype=np.uint8)
         behind = tried[~clear[tried]]
         if settings.refraction and len(behind):
-            ways = {
-                which: panes_between(view, position[behind], which).factor
-                for which in dict.fromkeys(settings.polarization)
-            }
+            ways = {which: panes_between(view, position[behind], which) for which in set(settings.polarization)}
             out[behind], back[behind] = (ways[which] for which in settings.polarization)
             kinds[behind] |= REFRACTED
         in_sight = np.abs(out * back) > FAINTEST**2

@@ -18,14 +18,14 @@ from datafactory.paths.corner_points import CornerPoints, points_of
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.edges import WedgeEdges, edges_of
 from datafactory.paths.facets import mirrors_of, reflected_share
-from datafactory.paths.geometry import clear_between, first_hits, mesh_of_shape
+from datafactory.paths.geometry import clear_between, first_hits, mesh_of_shape, ray_margin_m
 from datafactory.paths.merged_scene import MergedScene, velocities_on
 from datafactory.paths.scattering import has_lobes
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.wave_steps import onto_planes
 from datafactory.scenes.poses import Pose
-from shared.physics.vectors import Complex, Index, Mask, Real, dots, taken
+from shared.physics.vectors import Complex, Index, Mask, Real, dots, lengths, taken
 
 EDGES_WITHIN_M = 200.0
 """Farther edges and corners are left out [m]: at -20 dBsm they are 25 dB below a car radar's noise."""
@@ -88,6 +88,10 @@ class Hits(Rising):
     mesh: Index
     cosine: Real
     distance: Real
+
+    def clear(self, side: float) -> Real:
+        """[n, 3] the points off their surfaces by the ray caster's error: 1 on the side of arrival, -1 behind."""
+        return self.point + side * ray_margin_m(lengths(self.point))[:, None] * self.normal
 
 
 @dataclass(frozen=True, eq=False)
