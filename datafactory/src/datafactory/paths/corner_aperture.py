@@ -6,6 +6,7 @@ where both legs to a point of either face are free; the aperture of either order
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,6 @@ from scipy.special import fresnel
 
 from datafactory.paths.columns import Columns
 from datafactory.paths.corner_edges import CornerEdges
-from datafactory.paths.diffraction import Sight
 from datafactory.paths.geometry import ray_margin_m
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Complex, Index, Mask, Real
@@ -225,7 +225,9 @@ def widths_across(cells: Cells, views: Views, wavelength_m: float, count: int) -
     return np.bincount(cells.corner, weight * v, count) / np.maximum(total, 1e-300)
 
 
-def pieces_in_sight(corners: CornerEdges, cells: Cells, views: Views, wavelength_m: float, sight: Sight) -> Mask:
+def pieces_in_sight(
+    corners: CornerEdges, cells: Cells, views: Views, wavelength_m: float, sight: Callable[[Real, Real], Mask]
+) -> Mask:
     """[2, K, ACROSS] whether both legs to the pieces of the aperture are free."""
     seen = np.ones((2, len(cells.corner) * ACROSS), dtype=bool)
     for order in (0, 1):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from datafactory.paths.candidates import TARGET_MIRRORED, TARGET_SEEN, Candidates
-from datafactory.paths.diffraction import Sight
+from datafactory.paths.diffraction import Heard
 from datafactory.paths.echo_points import Seen, all_echo_points
 from datafactory.paths.mirrored_targets import DirectWays, echoes_over_mirrors
 from datafactory.paths.panes import FAINTEST, panes_between
@@ -77,21 +77,16 @@ class TargetEchoes:
         heard = self._loudness >= FAINTEST_ECHO
         return Candidates.joined([itself, Candidates.of(TARGET_MIRRORED, away, np.where(heard, power, 0.0))])
 
-    def seen(self, sight: Sight, worth: Mask | None = None) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
-        """The echoes, no paths without a scattering point, and the numbers of those left out.
-
-        :param worth: which of the candidates are followed; None for all
-        """
+    def seen(self, worth: Mask) -> Heard:
+        """The echoes, no paths without a scattering point, and the numbers of those left out."""
         view, points, position = self._view, self._points, self._position
         settings, merged = view.settings, view.merged
         count = len(points.rcs_m2)
-        itself, mirrored = np.ones(count, dtype=bool), np.ones(len(merged.targets), dtype=bool)
-        if worth is not None:
-            itself, mirrored = worth[:count], worth[count:] if self._over_mirrors else ~mirrored
-        over_mirrors = mirrored[points.target] if self._over_mirrors else np.zeros(count, dtype=bool)
+        itself = worth[:count]
+        over_mirrors = worth[count:][points.target] if self._over_mirrors else np.zeros(count, dtype=bool)
         tried = np.flatnonzero((self._range_m > 0.0) & (itself | over_mirrors))
         clear = np.zeros(count, dtype=bool)
-        clear[tried] = sight(np.zeros((len(tried), 3)), position[tried])
+        clear[tried] = view.sight(np.zeros((len(tried), 3)), position[tried])
         out, back = clear.astype(np.complex128), clear.astype(np.complex128)
         kinds = np.full(count, TARGET, dtype=np.uint8)
         behind = tried[~clear[tried]]
@@ -117,9 +112,7 @@ class TargetEchoes:
         hidden &= loud
         if settings.diffraction and hidden.any():
             behind_edges = Hidden(position[hidden], self._velocity[hidden], points.rcs_m2[hidden], index[hidden])
-            round_corners, more = echoes_round_corners(
-                view.edges, view.slabs, sight, behind_edges, settings.polarization
-            )
+            round_corners, more = echoes_round_corners(view, behind_edges)
             parts.append(replace(round_corners, candidate=number[hidden][round_corners.candidate]))
             counts |= more
         if over_mirrors.any():
