@@ -84,34 +84,43 @@ def exact_blocks(recording: Recording) -> list[Block]:
     return blocks
 
 
-def terms_for(reach_bins: float, tolerance: float, samples: int = 1024) -> int:
-    """Least even number of moments whose mean error over the sweep stays below its share of the tolerance.
+def terms_for(reach_bins: float, error: float, samples: int) -> int:
+    """Least even number of moments whose mean error over the sweep stays below ``error``.
 
     Even numbers alone, because a kernel is compiled for every number. With few samples the sweep's ends weigh more, and
     more moments may be needed.
     """
     nu, terms = sweep_positions(samples), 2
-    while shift_error_rms(nu, reach_bins, terms) > APPROXIMATION * tolerance:
+    while shift_error_rms(nu, reach_bins, terms) > error:
         terms += 2
     return terms
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=16)
+def range_weights(
+    samples: int, reach_bins: float, terms: int, oversampling: float, error: float
+) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, "taps terms"]]:
+    """Gain and weights of the range's shift from so many moments, with the fewest taps that keep ``error``."""
+    nu, taps = sweep_positions(samples), 3
+    gain, weights = shift_weights(nu, reach_bins, terms, taps, oversampling)
+    while shift_weights_error(nu, reach_bins, gain, weights, oversampling) > error:
+        taps += 2
+        gain, weights = shift_weights(nu, reach_bins, terms, taps, oversampling)
+    return gain, weights
+
+
 def _weights(
     waveform: Waveform, reach: float, tolerance: float
 ) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, "taps terms"] | Complex[np.ndarray, "taps terms"]]:
     """Gain and weights of the waveform: with the fewest moments for the tolerance, then with the fewest taps."""
-    nu, taps = sweep_positions(waveform.samples), 3
-    terms = terms_for(reach, tolerance, waveform.samples)
+    error = APPROXIMATION * tolerance
+    terms = terms_for(reach, error, waveform.samples)
     if waveform.residual_video_phase:
         # The first power of z^2 that the weights would leave out, see _with_video_phase.
         turn = np.pi * reach**2 / (waveform.bandwidth_hz * waveform.chirp_duration_s)
-        while turn ** (terms // 2) / factorial(terms // 2) > APPROXIMATION * tolerance:
+        while turn ** (terms // 2) / factorial(terms // 2) > error:
             terms += 2
-    gain, weights = shift_weights(nu, reach, terms, taps, OVERSAMPLING)
-    while shift_weights_error(nu, reach, gain, weights, OVERSAMPLING) > APPROXIMATION * tolerance:
-        taps += 2
-        gain, weights = shift_weights(nu, reach, terms, taps, OVERSAMPLING)
+    gain, weights = range_weights(waveform.samples, reach, terms, OVERSAMPLING, error)
     if waveform.residual_video_phase:
         return gain, _with_video_phase(weights, waveform.bandwidth_hz * waveform.chirp_duration_s)
     return gain, weights

@@ -14,13 +14,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import scipy.fft
 from jaxtyping import Complex64, Float32, Float64, Int64
 from threadpoolctl import threadpool_limits
 
+from datafactory.synthesis.chirps import range_weights, terms_for
 from datafactory.synthesis.line_sums import add_samples, fill_lines, line_spectrum
 from datafactory.synthesis.lines import Paths, Weights, add_lines
 from datafactory.synthesis.motion import Motion, Part, Recording, centre, motion_of
@@ -40,11 +40,7 @@ from datafactory.synthesis.sorting import (
     range_cells,
 )
 from datafactory.synthesis.spread import LANES, Sensor, aligned, columns, padded
-from shared.radar.waveform import Waveform
 from shared.signal.sweep import (
-    shift_error_rms,
-    shift_weights,
-    shift_weights_error,
     sweep_positions,
 )
 
@@ -97,8 +93,11 @@ def block_plans(groups: Sequence[PathsAlongLines], recording: Recording) -> Iter
         rx = array.rx[block]
         reach = recording.reach_bins(array.tx) + recording.reach_bins(rx)
         reach = float(np.ceil((0.5 * waveform.samples / cells + reach + RANGE_SLACK_BINS) * 1e6) * 1e-6)
-        gain, weights = _range_weights(waveform, cells, reach, RANGE_SHARE * recording.tolerance)
-        yield BlockPlan(block, cells, _jobs(groups, recording, rx, cells), gain, weights, recording)
+        error = RANGE_SHARE * recording.tolerance
+        terms = terms_for(reach, 0.8 * error, waveform.samples)
+        gain, weights = range_weights(waveform.samples, reach, terms, cells / waveform.samples, error)
+        jobs = _jobs(groups, recording, rx, cells)
+        yield BlockPlan(block, cells, jobs, gain.astype(np.float32), weights.astype(np.float32), recording)
 
 
 def add_along_lines(
@@ -166,25 +165,6 @@ def _turns(
                 for line in np.unique(job.first[order[end:to]] - start):
                     used[line : line + job.group.weights.taps] = True
         yield start + np.flatnonzero(used), chosen
-
-
-@lru_cache(maxsize=8)
-def _range_weights(
-    waveform: Waveform, cells: int, reach: float, error: float
-) -> tuple[Float32[np.ndarray, " samples"], Float32[np.ndarray, "taps terms"]]:
-    """Gain and weights of the range's shift with the fewest moments, then with the fewest taps.
-
-    Even numbers of moments alone, because a kernel is compiled for every number.
-    """
-    nu, oversampling = sweep_positions(waveform.samples), cells / waveform.samples
-    terms, taps = 2, 3
-    while shift_error_rms(nu, reach, terms) > 0.8 * error:
-        terms += 2
-    gain, weights = shift_weights(nu, reach, terms, taps, oversampling)
-    while shift_weights_error(nu, reach, gain, weights, oversampling) > error:
-        taps += 2
-        gain, weights = shift_weights(nu, reach, terms, taps, oversampling)
-    return gain.astype(np.float32), weights.astype(np.float32)
 
 
 def _spread(
