@@ -18,14 +18,12 @@ what else is simulated changes none of its paths.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from datafactory.paths.columns import Columns
+from datafactory.paths.columns import WHOLE, Columns
 from datafactory.paths.panes import polarization_axis
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import share_at
@@ -46,8 +44,8 @@ MISSED_POLARIZATION = 1e-9
 
 
 @dataclass(frozen=True)
-class Arrivals:
-    """n waves where they meet surfaces.
+class Arrivals(Columns):
+    """n waves where they meet surfaces. Of those that are taken each stands for as much as before.
 
     :param waves: as they arrive; :param hits: where
     :param te, tm: [n] R of the surfaces
@@ -57,15 +55,15 @@ class Arrivals:
     :param rays: N, as many as fill the fan
     """
 
-    view: View
+    view: View = field(metadata=WHOLE)
     waves: Waves
     hits: Hits
     te: Complex
     tm: Complex
     ratio: Real
     ray: Index
-    kinds: tuple[int, ...]
-    rays: float
+    kinds: tuple[int, ...] = field(metadata=WHOLE)
+    rays: float = field(metadata=WHOLE)
 
     @staticmethod
     def first(view: View, fan: RayFan) -> Arrivals:
@@ -83,19 +81,10 @@ class Arrivals:
         """Of the frame."""
         return self.view.settings
 
-    def take(self, index: Index) -> Arrivals:
-        """Those at these indices, which rise; each stands for as much as before."""
-        if len(index) == len(self.ray):
-            return self
-        return replace(
-            self, waves=self.waves.take(index), hits=self.hits.take(index), te=self.te[index], tm=self.tm[index],
-            ratio=self.ratio[index], ray=self.ray[index],
-        )  # fmt: skip
-
     def share(self, each: int) -> tuple[Arrivals, Arrivals]:
         """Every ``each``-th ray of the fan, and the others; what is found from both is what is found from all."""
         chosen = self.ray % each == 0
-        return self.take(np.flatnonzero(chosen)), self.take(np.flatnonzero(~chosen))
+        return self.take(chosen), self.take(~chosen)
 
     def onward(self, direction: Real, field: Complex, kind: int) -> Arrivals:
         """Where those waves arrive next that leave in ``direction`` [n, 3], unit, with ``field`` [n, 3], not zero."""
@@ -158,7 +147,7 @@ class Arrivals:
 
 
 @dataclass(frozen=True)
-class Echoes:
+class Echoes(Columns):
     """n echoes of one group that the RX hears.
 
     :param arrivals: where they are scattered last
@@ -171,34 +160,12 @@ class Echoes:
     amplitude: Complex
     power: Real
     cell: Index
-    kinds: tuple[int, ...]
-    crossings: int
+    kinds: tuple[int, ...] = field(metadata=WHOLE)
+    crossings: int = field(metadata=WHOLE)
 
-    @staticmethod
-    def joined(parts: Sequence[Echoes]) -> Echoes:
-        """The echoes of one group that were found from shares of a frame's rays, by ray."""
-        of = [part.arrivals for part in parts]
-        order = np.argsort(np.concatenate([arrivals.ray for arrivals in of]), kind="stable")
-
-        def every(values: Iterable[NDArray]) -> NDArray:
-            return np.concatenate(list(values))[order]
-
-        arrivals = replace(
-            of[0],
-            waves=Columns.take(Waves.joined([one.waves for one in of]), order),
-            hits=Columns.take(Hits.joined([one.hits for one in of]), order),
-            te=every(one.te for one in of),
-            tm=every(one.tm for one in of),
-            ratio=every(one.ratio for one in of),
-            ray=every(one.ray for one in of),
-        )
-        return replace(
-            parts[0],
-            arrivals=arrivals,
-            amplitude=every(part.amplitude for part in parts),
-            power=every(part.power for part in parts),
-            cell=every(part.cell for part in parts),
-        )
+    def by_ray(self) -> Echoes:
+        """The echoes of one group that were found from shares of a frame's rays, in the order of all rays."""
+        return self.take(np.argsort(self.arrivals.ray, kind="stable"))
 
     def thinned(self, seed: int) -> Bundle:
         """Those that stay in their cells, as paths; the group's random numbers are its own."""

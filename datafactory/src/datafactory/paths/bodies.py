@@ -74,6 +74,14 @@ def bodies_of(merged_scene: MergedScene) -> tuple[Body, ...]:
     return tuple(bodies) or (_body((), []),)
 
 
+def components(count: int, links: Index) -> Index:
+    """[count] number of the connected component of each item; links [L, 2]."""
+    if not count:
+        return np.zeros(0, dtype=np.int64)
+    graph = coo_array((np.ones(len(links)), (links[:, 0], links[:, 1])), shape=(count, count))
+    return connected_components(graph, directed=False)[1].astype(np.int64)
+
+
 def fold_angles(body: Body) -> Real:
     """[E] angle between the planes of the two triangles at each edge [rad]: 0 where they continue each other, pi on a
     rim. The winding is not used.
@@ -100,9 +108,8 @@ def _body(meshes: Sequence[MergedMesh], members: list[int]) -> Body:
     every = np.concatenate([np.zeros((0, 3)), *(mesh.vertices for mesh in chosen)])
     distinct, first = np.unique(every, axis=0, return_inverse=True)
     near = cKDTree(distinct).query_pairs(WELD_M, output_type="ndarray") if len(distinct) else np.zeros((0, 2), int)
-    ties = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(distinct),) * 2)
-    count, point = connected_components(ties, directed=False) if len(distinct) else (0, np.zeros(0, dtype=int))
-    vertices = np.zeros((count, 3))
+    point = components(len(distinct), near)
+    vertices = np.zeros((int(point.max(initial=-1)) + 1, 3))
     vertices[point[::-1]] = distinct[::-1]  # each point lies where its first vertex does
     triangles = np.concatenate(
         [np.zeros((0, 3), int), *(m.triangles + s for m, s in zip(chosen, starts, strict=False))]

@@ -31,12 +31,14 @@ class Columns:
             if index.all():
                 return self
             index = np.flatnonzero(index)
+        elif len(index) == len(self) and np.array_equal(index, np.arange(len(index))):
+            return self
         return replace(self, **{name: _rows(getattr(self, name), index) for name in _names(type(self))})
 
     @classmethod
     def joined(cls, parts: Sequence[Self], **whole: Any) -> Self:
         """The things of several, one after another; what is about all is that of the first, or as said here."""
-        rows = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _names(cls)}
+        rows = {name: _one_after_another([getattr(part, name) for part in parts]) for name in _names(cls)}
         return replace(parts[0], **rows, **whole)
 
 
@@ -71,6 +73,10 @@ def counts_of(parts: Sequence[dict[str, int]]) -> dict[str, int]:
 def _names(kind: Any) -> tuple[str, ...]:
     """The fields that have a row for each thing."""
     return tuple(item.name for item in fields(kind) if item.metadata != WHOLE)
+
+
+def _one_after_another(parts: Sequence[Any]) -> Any:
+    return np.concatenate(parts) if isinstance(parts[0], np.ndarray) else type(parts[0]).joined(parts)
 
 
 def _rows(values: Any, index: NDArray) -> Any:

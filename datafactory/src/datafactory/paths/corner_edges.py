@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of
 from datafactory.paths.facets import mirrors_of
 from datafactory.paths.free_extent import flattened, strips
-from datafactory.paths.merged_scene import MergedScene, Part, found_once, motions_of
+from datafactory.paths.merged_scene import MergedScene, Part, found_once, motions_of, owners_of
 from datafactory.paths.planar_faces import TOUCH_M, PlanarFaces, planar_faces_of
 from datafactory.paths.unfold import unit
 from shared.physics.compiled import compiled
@@ -152,9 +152,6 @@ def _found(merged_scene: MergedScene) -> CornerEdges:
     pieces, corner_of_strip, lead = pieces[stay], (np.cumsum(wide) - 1)[corner_of_strip[stay]], lead[wide]
     pair, into, origin = pair[lead], into[lead], origin[pair[lead]]
     normal = unit(into[:, ::-1] - np.einsum("ci,ci->c", into[:, 0], into[:, 1])[:, None, None] * into)
-    meshes = merged_scene.meshes
-    mesh_of_triangle = merged_scene.mesh_of_triangle
-    owner = np.concatenate([np.zeros(0, np.int32), *(mesh.object_of_triangle for mesh in meshes)])
     contact = faces.contact[pair]
     return CornerEdges(
         origin=origin,
@@ -162,8 +159,8 @@ def _found(merged_scene: MergedScene) -> CornerEdges:
         into=into,
         normal=normal,
         face=faces.pairs[pair],
-        face_mesh=mesh_of_triangle[contact].astype(np.int64),
-        object_index=owner[contact[:, 0]].astype(np.int32),
+        face_mesh=merged_scene.mesh_of_triangle[contact].astype(np.int64),
+        object_index=owners_of(merged_scene)[contact[:, 0]],
         velocity=np.zeros((len(lead), 3)),
         shift=np.zeros((len(lead), 3)),
         strips=pieces,

@@ -17,11 +17,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from datafactory.paths.bodies import Body, bodies_of, into_faces
+from datafactory.paths.bodies import Body, bodies_of, components, into_faces
 from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of
 from datafactory.paths.merged_scene import MergedScene, found_once, motions_of
 from datafactory.paths.smooth import smooth_facets
@@ -156,9 +154,8 @@ def _wedges(body: Body) -> WedgeEdges:
 
 def _merged_collinear(edges: WedgeEdges, pairs: Index) -> WedgeEdges:
     """Collinear pieces with a common vertex and the same faces joined; a chain keeps the values of its first piece."""
-    first, second = _neighbours(edges, pairs)
-    links = coo_array((np.ones(len(first)), (first, second)), shape=(len(edges),) * 2)
-    count, chain = connected_components(links, directed=False) if len(edges) else (0, np.zeros(0, dtype=int))
+    chain = components(len(edges), _neighbours(edges, pairs))
+    count = int(chain.max(initial=-1)) + 1
     lead = np.full(count, len(edges))
     np.minimum.at(lead, chain, np.arange(len(edges)))
     origin, direction = edges.start[lead][chain], edges.direction[lead][chain]
@@ -178,12 +175,12 @@ def _merged_collinear(edges: WedgeEdges, pairs: Index) -> WedgeEdges:
     return replace(edges, start=start, end=end).take(kept)
 
 
-def _neighbours(edges: WedgeEdges, pairs: Index) -> tuple[Index, Index]:
-    """Pairs of edges, as two index arrays, that continue each other through a common vertex."""
+def _neighbours(edges: WedgeEdges, pairs: Index) -> Index:
+    """[N, 2] pairs of edges that continue each other through a common vertex."""
     vertex, edge = pairs.reshape(-1), np.repeat(np.arange(len(pairs)), 2)
     order = np.argsort(vertex, kind="stable")
     vertex, edge = vertex[order], edge[order]
-    found: list[tuple[Index, Index]] = []
+    found = [np.zeros((0, 2), dtype=np.int64)]
     step = 1
     while step < len(vertex):
         here = np.flatnonzero(vertex[step:] == vertex[:-step])  # the step-th next edge around the same vertex
@@ -191,10 +188,9 @@ def _neighbours(edges: WedgeEdges, pairs: Index) -> tuple[Index, Index]:
             break
         a, b = edge[here], edge[here + step]
         same = _continue_each_other(edges, a, b)
-        found.append((a[same], b[same]))
+        found.append(np.stack([a[same], b[same]], axis=1))
         step += 1
-    none = np.zeros(0, dtype=np.int64)
-    return np.concatenate([none, *(a for a, _ in found)]), np.concatenate([none, *(b for _, b in found)])
+    return np.concatenate(found)
 
 
 def _continue_each_other(edges: WedgeEdges, a: Index, b: Index) -> Mask:

@@ -270,6 +270,12 @@ def motions_of(merged_scene: MergedScene, mesh: Index) -> tuple[Real, Real]:
     return velocity[mesh], shift[mesh]
 
 
+def owners_of(merged_scene: MergedScene) -> NDArray[np.int32]:
+    """[T] index into ``MergedScene.objects`` of every triangle."""
+    every = [mesh.object_of_triangle for mesh in merged_scene.meshes]
+    return np.concatenate([np.zeros(0, np.int32), *every]).astype(np.int32)
+
+
 def merge_scene(scene: Scene, materials: MaterialMapping) -> MergedScene:
     """Merge a scene's objects; the order depends on names, velocities and the objects' own order alone."""
     groups: dict[tuple[str, Vector, Hashable], list[int]] = defaultdict(list)

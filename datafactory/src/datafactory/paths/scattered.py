@@ -86,7 +86,7 @@ def over_mirrors(first: Arrivals) -> list[Echoes]:
 def behind_panes(first: Arrivals) -> Echoes:
     """What is scattered back through the first surface by what stands behind it."""
     view = first.view
-    first = first.take(np.flatnonzero(view.slabs.lets_through[first.hits.mesh]))
+    first = first.take(view.slabs.lets_through[first.hits.mesh])
     waves, panes = first.waves, first.hits
     te, tm = view.transmission(panes)
     field = passed_fields(waves.direction, panes.normal, waves.field, te, tm)
@@ -215,7 +215,8 @@ class SecondBounces:
             return self._twice
         if not len(self._rest.ray):
             return self._mirrored
-        return [Echoes.joined(parts) for parts in zip(self._mirrored, over_mirrors(self._rest), strict=True)]
+        both = zip(self._mirrored, over_mirrors(self._rest), strict=True)
+        return [Echoes.joined(parts).by_ray() for parts in both]
 
 
 def _estimates(group: int, echoes: Echoes, stands_for: int) -> Candidates:

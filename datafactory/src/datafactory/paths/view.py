@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.edges import WedgeEdges, edges_of
 from datafactory.paths.facets import mirrors_of, reflected_share
 from datafactory.paths.geometry import clear_between, first_hits, mesh_of_shape, ray_margin_m
-from datafactory.paths.merged_scene import MergedScene, velocities_on
+from datafactory.paths.merged_scene import MergedScene, owners_of, velocities_on
 from datafactory.paths.scattering import has_lobes
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import TraceSettings
@@ -31,16 +31,8 @@ EDGES_WITHIN_M = 200.0
 """Farther edges and corners are left out [m]: at -20 dBsm they are 25 dB below a car radar's noise."""
 
 
-class Rising(Columns):
-    """Taken by rising indices alone: as many as there are, are all of them."""
-
-    def take(self, index: Index) -> Self:
-        """Those at these indices, which rise."""
-        return self if len(index) == len(self) else super().take(index)
-
-
 @dataclass(frozen=True)
-class Waves(Rising):
+class Waves(Columns):
     """n waves on their way.
 
     :param start: [n, 3] [m]; :param lifted: [n, 3] the same clear of the surface that the wave left, for float32
@@ -74,7 +66,7 @@ class Waves(Rising):
 
 
 @dataclass(frozen=True)
-class Hits(Rising):
+class Hits(Columns):
     """Where n waves arrived.
 
     :param point: [n, 3] [m]; :param normal: [n, 3] unit, on the side of arrival
@@ -148,8 +140,7 @@ class View:
     @cached_property
     def owner(self) -> NDArray[np.int32]:
         """[T] index into ``MergedScene.objects`` of every triangle."""
-        every = [mesh.object_of_triangle for mesh in self.merged.meshes]
-        return np.concatenate([np.zeros(0, np.int32), *every]).astype(np.int32)
+        return owners_of(self.merged)
 
     @cached_property
     def edges(self) -> WedgeEdges:
