@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.poses import Pose
-from shared.physics.vectors import Real, taken
+from shared.physics.vectors import Index, Real, taken
 
 WHOLE = {"kind": "whole"}
 """Metadata of a field that is about all things."""
@@ -63,6 +63,19 @@ class Placed(Columns):
             if item.metadata.get("kind") in away
         }
         return replace(self, **turned, shift=np.zeros_like(self.shift))
+
+
+def place_in_run(value: Index) -> Index:
+    """[n] how many equal values stand before each of values [n], equal ones of which stand side by side."""
+    begins = np.concatenate([[True], value[1:] != value[:-1]])[: len(value)]
+    return np.arange(len(value)) - np.flatnonzero(begins)[np.cumsum(begins) - 1]
+
+
+def pairs_in_runs(value: Index) -> tuple[Index, Index]:
+    """Every one with every one, itself among them, of equal values, which rise: numbers of the first and the second."""
+    first = np.searchsorted(value, value, side="left")
+    one = np.repeat(np.arange(len(value)), np.searchsorted(value, value, side="right") - first)
+    return one, first[one] + place_in_run(one)
 
 
 def counts_of(parts: Sequence[dict[str, int]]) -> dict[str, int]:

@@ -28,6 +28,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.columns import pairs_in_runs, place_in_run
 from datafactory.paths.diffraction import (
     BESIDE_M,
     EdgeRays,
@@ -120,7 +121,7 @@ def _legs_over(view: View, rays: EdgeRays, target_velocity: Real, limit: int) ->
     }
     sent, received = (fields[which] for which in polarization)
     by_strength = np.lexsort((-np.abs(sent * received), rays.observer))
-    best = by_strength[_place_in_run(rays.observer) < limit]
+    best = by_strength[place_in_run(rays.observer) < limit]
     to, chosen, inward, outward = rays.observer[best], rays.edge[best], rays.inward[best], rays.outward[best]
     out_m, on_m = rays.geometry.source_distance_m[best], rays.geometry.observer_distance_m[best]
     level = along_array(edges.direction[chosen], inward)
@@ -156,20 +157,12 @@ def _both_legs_clear(view: View, rays: EdgeRays, targets: Real) -> Mask:
     return clear
 
 
-def _place_in_run(value: Index) -> Index:
-    """[n] how many equal values stand before each of rising values [n]."""
-    return np.arange(len(value)) - np.searchsorted(value, value, side="left")
-
-
 def _round_trips(legs: _Legs, scale: Real, owner: NDArray[np.int32]) -> ScatteredPaths:
     """Every way out with every way back of each target.
 
     :param scale: [T] of the amplitude; :param owner: [T] the targets' object indices
     """
-    first = np.searchsorted(legs.target, legs.target, side="left")
-    partners = np.searchsorted(legs.target, legs.target, side="right") - first
-    out = np.repeat(np.arange(len(legs.target)), partners)
-    back = first[out] + _place_in_run(out)
+    out, back = pairs_in_runs(legs.target)
     count, target = len(out), legs.target[out]
     return ScatteredPaths(
         tx_point=legs.point[out],
