@@ -18,9 +18,8 @@ from datafactory.synthesis.doppler_moments import (
     Seen,
     add_doppler_moments,
 )
-from datafactory.synthesis.mid_frame import MidFrame
+from datafactory.synthesis.mid_frame import DOPPLER_REACH, LEVELS, NEGLECTED, ROW_REACH, MidFrame, seen_paths
 from datafactory.synthesis.truth import doppler_table
-from datafactory.synthesis.visibility import DOPPLER_REACH, LEVELS, NEGLECTED, ROW_REACH, seen_paths
 from shared.radar import Radar
 from shared.radar.waveform import Waveform
 

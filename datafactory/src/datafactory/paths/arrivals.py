@@ -27,11 +27,11 @@ from datafactory.paths.columns import WHOLE, Columns
 from datafactory.paths.panes import polarization_axis
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import share_at
+from datafactory.paths.slabs import reflected_fields, reflectivity
 from datafactory.paths.solver import Bundle, TraceSettings
 from datafactory.paths.table import DIFFUSE, SPECULAR
 from datafactory.paths.thinning import cell_of, thinned
 from datafactory.paths.view import Hits, View, Waves
-from datafactory.paths.wave_steps import reflected_fields, reflectivity
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Complex, Index, Real, dots, lengths, taken
 

@@ -18,8 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from datafactory.paths.merged_scene import MergedMesh, MergedScene, found_once
-from datafactory.paths.unfold import unit
-from shared.physics.vectors import Index, Mask, Real
+from shared.physics.vectors import Index, Mask, Real, unit
 
 WELD_M = 1e-4
 """Vertices nearer than this are one [m]."""

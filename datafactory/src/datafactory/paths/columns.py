@@ -8,6 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from datafactory.scenes.poses import Pose
 from shared.physics.vectors import Index, Real, taken
@@ -63,6 +64,17 @@ class Placed(Columns):
             if item.metadata.get("kind") in away
         }
         return replace(self, **turned, shift=np.zeros_like(self.shift))
+
+
+def apart(points: Real, distance: Real | float) -> Index:
+    """Indices of points [n, d] that are not within ``distance``, [n] or one for all, of an earlier one."""
+    if len(points) < 2:
+        return np.arange(len(points))
+    radius = np.broadcast_to(distance, len(points))
+    pairs = cKDTree(points).query_pairs(float(radius.max()), output_type="ndarray")
+    one, other = np.sort(pairs, axis=1).T
+    close = np.linalg.norm(points[one] - points[other], axis=1) <= np.maximum(radius[one], radius[other])
+    return np.setdiff1d(np.arange(len(points)), other[close])
 
 
 def place_in_run(value: Index) -> Index:

@@ -68,10 +68,9 @@ from datafactory.paths.diffraction import NEAREST_M, Heard, along_array
 from datafactory.paths.mirrors import AHEAD_M
 from datafactory.paths.panes import polarization_axis
 from datafactory.paths.table import CORNER, ScatteredPaths, SpecularPaths
-from datafactory.paths.unfold import unit
 from datafactory.paths.view import View
 from shared.physics.units import db_to_power
-from shared.physics.vectors import Complex, Index, Mask, Real
+from shared.physics.vectors import Complex, Index, Mask, Real, unit
 
 FAINTEST_DBSM = -45.0
 """Echoes of smaller cross sections are left out."""

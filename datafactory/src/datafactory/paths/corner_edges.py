@@ -25,9 +25,8 @@ from datafactory.paths.facets import mirrors_of
 from datafactory.paths.free_extent import flattened, strips
 from datafactory.paths.merged_scene import MergedScene, Part, found_once, motions_of, owners_of
 from datafactory.paths.planar_faces import TOUCH_M, PlanarFaces, planar_faces_of
-from datafactory.paths.unfold import unit
 from shared.physics.compiled import compiled
-from shared.physics.vectors import Index, Mask, Real
+from shared.physics.vectors import Index, Mask, Real, unit
 
 LEAST_REACH_M = 0.005
 """Faces that reach less far from the edge, over all of a corner, make none: they are narrower than a wavelength [m]."""

@@ -31,11 +31,10 @@ from datafactory.paths.diffraction import NEAREST_M, Heard
 from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.mirrors import AHEAD_M
 from datafactory.paths.table import CORNER, ScatteredPaths, SpecularPaths
-from datafactory.paths.unfold import unit
 from datafactory.paths.view import View
 from shared.physics.compiled import compiled
 from shared.physics.units import db_to_power
-from shared.physics.vectors import Index, Mask, Real
+from shared.physics.vectors import Index, Mask, Real, unit
 
 AROUND = 720
 """Directions around the apex over which the aperture is summed."""

@@ -20,9 +20,8 @@ from datafactory.paths.facets import mirrors_of
 from datafactory.paths.free_extent import flattened, reach_around
 from datafactory.paths.merged_scene import MergedScene, Part, found_once, motions_of, owners_of
 from datafactory.paths.planar_faces import PlanarFaces, planar_faces_of
-from datafactory.paths.unfold import unit
 from shared.physics.compiled import compiled
-from shared.physics.vectors import Index, Real
+from shared.physics.vectors import Index, Real, unit
 
 DIRECTIONS = 45
 """In which the reach of a face is sampled over a right angle: every two degrees."""

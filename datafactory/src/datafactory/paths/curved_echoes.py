@@ -54,15 +54,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.paths.columns import Columns
+from datafactory.paths.columns import Columns, apart
 from datafactory.paths.curved_surfaces import CurvedSurfaces, curved_surfaces_of, turned_to
 from datafactory.paths.facets import share_within_rims
 from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.mirrors import AHEAD_M, CLOSEST_M, MirrorEchoes, plane_amplitude, way_and_back
 from datafactory.paths.table import ScatteredPaths, SpecularPaths
-from datafactory.paths.unfold import apart, unit
 from datafactory.paths.view import View
-from shared.physics.vectors import Complex, Index, Mask, Real
+from shared.physics.vectors import Complex, Index, Mask, Real, unit
 
 INSIDE = 1e-6
 """Barycentric coordinates may fall below zero by this: triangles share their sides, and a foot there is one."""

@@ -30,8 +30,7 @@ from scipy.sparse import csr_array
 from datafactory.paths.bodies import Body, bodies_of
 from datafactory.paths.merged_scene import MergedScene, found_once
 from datafactory.paths.smooth import SMOOTH_FOLD_DEG, smooth_facets
-from datafactory.paths.unfold import unit
-from shared.physics.vectors import Index, Mask, Real
+from shared.physics.vectors import Index, Mask, Real, unit
 
 MENDING_ROUNDS = 4
 """Of the normals at the ends of a surface; each takes off what the length of a corrected normal was wrong by."""

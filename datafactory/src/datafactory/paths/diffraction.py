@@ -42,10 +42,9 @@ from datafactory.paths.facets import TAPER
 from datafactory.paths.panes import polarization_axis
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import DIFFRACTED, ScatteredPaths, SpecularPaths
-from datafactory.paths.unfold import unit
 from datafactory.paths.view import View
 from shared.physics.compiled import compiled
-from shared.physics.vectors import Complex, Index, Mask, Real
+from shared.physics.vectors import Complex, Index, Mask, Real, unit
 from shared.physics.wedge import WedgeGeometry, diffraction_coefficient
 
 Heard = tuple[ScatteredPaths, SpecularPaths, dict[str, int]]

@@ -23,8 +23,7 @@ from datafactory.paths.bodies import Body, bodies_of, components, into_faces
 from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of
 from datafactory.paths.merged_scene import MergedScene, found_once, motions_of
 from datafactory.paths.smooth import smooth_facets
-from datafactory.paths.unfold import unit
-from shared.physics.vectors import Index, Mask, Real
+from shared.physics.vectors import Index, Mask, Real, unit
 
 FLATTEST_FOLD_DEG = 15.0
 """Smallest angle between the planes of two faces that makes an edge: a 30-sided column has none, a 16-sided one does.

@@ -31,10 +31,10 @@ from numpy.typing import NDArray
 from datafactory.paths.columns import pairs_in_runs, place_in_run
 from datafactory.paths.echo_points import EchoPoints, Seen, seen_from
 from datafactory.paths.mirrors import AXES, Ways, ways_over_mirrors
+from datafactory.paths.rows import mirrored_velocity
 from datafactory.paths.table import SPECULAR, TARGET, ScatteredPaths
-from datafactory.paths.unfold import mirrored_velocity, unit
 from datafactory.paths.view import View
-from shared.physics.vectors import Complex, Index, Mask, lengths
+from shared.physics.vectors import Complex, Index, Mask, lengths, unit
 
 WEAKEST = 1e-3
 """Ways whose field is weaker than this share of free space's are left out: -60 dB one way."""

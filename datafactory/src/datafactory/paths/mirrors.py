@@ -18,7 +18,7 @@ the same length is
     g = conj(R e) sqrt(1 - S^2) F,
 
 with R e what the slab reflects of the radar's unit field (TE and TM of ITU-R P.2040,
-:func:`datafactory.paths.wave_steps.reflected_fields`).
+:func:`datafactory.paths.slabs.reflected_fields`).
 
 The loss of a rough surface is sqrt(1 - S^2), here as in every other path of the table; it does not depend on the angle.
 Heights with a normal distribution of rms h leave exp(-2 (k h sin psi)^2) at the grazing angle psi (Ament, Toward a
@@ -37,16 +37,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.paths.columns import Columns
+from datafactory.paths.columns import Columns, apart
 from datafactory.paths.facets import COPLANAR_M
 from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.panes import AXES, FAINTEST, Polarization, panes_between, polarization_axis
-from datafactory.paths.slabs import LEAST_COSINE
+from datafactory.paths.slabs import LEAST_COSINE, reflected_fields
 from datafactory.paths.table import REFRACTED, SPECULAR, SpecularPaths
-from datafactory.paths.unfold import apart
 from datafactory.paths.view import View
-from datafactory.paths.wave_steps import reflected_fields
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Complex, Index, Mask, Real
 

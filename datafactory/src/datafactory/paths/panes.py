@@ -14,10 +14,9 @@ import numpy as np
 from datafactory.paths.candidates import PANE, Candidates
 from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.thinning import RANGE_CELL_M, U_CELL
-from datafactory.paths.unfold import unit
 from datafactory.paths.view import View, Waves
 from shared.physics.compiled import compiled
-from shared.physics.vectors import Complex, Real, lengths
+from shared.physics.vectors import Complex, Real, lengths, unit
 
 Polarization = Literal["V", "H"]
 AXES: tuple[Polarization, Polarization] = ("V", "H")

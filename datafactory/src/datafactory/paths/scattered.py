@@ -56,8 +56,8 @@ from datafactory.paths.chains import chain_candidates
 from datafactory.paths.corner_edges import corners_of
 from datafactory.paths.panes import AXES, polarization_axis
 from datafactory.paths.scattering import share_at
+from datafactory.paths.slabs import passed_fields, reflectivity
 from datafactory.paths.table import DIFFUSE, SPECULAR
-from datafactory.paths.wave_steps import passed_fields, reflectivity
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Index, Real, lengths
 

@@ -170,11 +170,6 @@ class Solved:
     invalid: int
     truncated: int
 
-    @staticmethod
-    def nothing() -> Solved:
-        """Of a frame without anything for the solver."""
-        return Solved(Bundle.none(1), 0, 0)
-
 
 def radio_scene(geometry: Geometry, slabs: Slabs, settings: TraceSettings) -> Any:
     """Sionna's own Scene of a geometry, which is made once and shows what the geometry shows.

@@ -21,9 +21,8 @@ from datafactory.paths.facets import mirrors_of, reflected_share
 from datafactory.paths.geometry import clear_between, first_hits, mesh_of_shape, ray_margin_m
 from datafactory.paths.merged_scene import MergedScene, owners_of, velocities_on
 from datafactory.paths.scattering import has_lobes
-from datafactory.paths.slabs import Slabs
+from datafactory.paths.slabs import Slabs, onto_planes
 from datafactory.paths.solver import TraceSettings
-from datafactory.paths.wave_steps import onto_planes
 from datafactory.scenes.poses import Pose
 from shared.physics.vectors import Complex, Index, Mask, Real, dots, lengths, taken
 

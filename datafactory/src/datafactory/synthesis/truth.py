@@ -17,7 +17,7 @@ in (f_c - f) + kappa nu. The factor of the range remainder is a polynomial in z 
 path and Doppler cell a few moments per element are added to a grid of range cells. The cells around each row then give
 the row.
 
-A path enters only where it is seen (:mod:`datafactory.synthesis.visibility`), with as many terms of the Doppler
+A path enters only where it is seen (:mod:`datafactory.synthesis.mid_frame`), with as many terms of the Doppler
 polynomial as its own place and speed call for.
 
 Limits: velocities are constant. The delay's third derivative within a frame is left out (2.4e-6 m at 3 m and 10 m/s).
@@ -47,9 +47,8 @@ from datafactory.synthesis.doppler_moments import (
     Seen,
     add_doppler_moments,
 )
-from datafactory.synthesis.mid_frame import MidFrame, at_mid_frame
+from datafactory.synthesis.mid_frame import DOPPLER_REACH, ROW_REACH, MidFrame, at_mid_frame, seen_paths
 from datafactory.synthesis.motion import coupling, instants
-from datafactory.synthesis.visibility import DOPPLER_REACH, ROW_REACH, seen_paths
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.radar.waveform import Waveform

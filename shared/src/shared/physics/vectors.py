@@ -23,6 +23,12 @@ def lengths(vectors: Real) -> Real:
     return _lengths(_rows(vectors)).reshape(vectors.shape[:-1])
 
 
+def unit(vectors: Real) -> Real:
+    """[..., 3] vectors of length 1; a zero vector stays zero."""
+    length = lengths(vectors)[..., None]
+    return vectors / np.where(length > 0.0, length, 1.0)
+
+
 def dots(one: Real, other: Real) -> Real:
     """[K] scalar products of ``one`` [K, 3] and ``other`` [K, 3]."""
     return _dots(_rows(one), _rows(other))
