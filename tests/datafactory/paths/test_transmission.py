@@ -132,6 +132,14 @@ def test_a_box_is_two_panes_and_one_diagonal_is_not_crossed_twice():
 
 
 @pytest.mark.usefixtures("variant")
+def test_panes_close_together_far_away_are_crossed_once_each():
+    """The ray caster's error at 23 m is a fortieth of the gaps."""
+    sides, points = ((0.0, 2.0, 0.0), (0.0, 0.0, 2.0), "glass"), [(30.0, 0.1, 0.2)]
+    panes = [plate(f"pane-{n}", (23.0 + 0.02 * n, 0.0, 0.0), *sides) for n in range(4)]
+    np.testing.assert_allclose(crossed(panes, points), crossed(panes[:1], points) ** 4, rtol=1e-5)
+
+
+@pytest.mark.usefixtures("variant")
 def test_what_lies_behind_too_many_panes_is_given_up():
     panes = [far_pane("air", f"pane-{index}", 3.0 + index) for index in range(5)]
     result = crossed(panes, [(20.0, 0.0, 0.0), (4.5, 0.0, 0.0)], maximum_crossings=4)

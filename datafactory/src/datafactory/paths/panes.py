@@ -62,8 +62,12 @@ def panes_between(
         waves, left = waves.arrived(index, hits), left[index]
         behind = view.slabs.passed(hits.mesh, waves.direction, hits.normal, waves.field)
         field[left] = behind if crossing < maximum_crossings else 0.0
+        # On, from a little behind the surface on the straight line.
+        margin = ray_margin_m(waves.length)
+        start = waves.start + margin[:, None] * waves.direction
+        waves = replace(waves, start=start, lifted=start, length=waves.length + margin, field=behind)
         strong = np.flatnonzero(np.linalg.norm(behind, axis=1) >= FADED)
-        waves, left = replace(waves, lifted=hits.clear(-1.0), field=behind).take(strong), left[strong]
+        waves, left = waves.take(strong), left[strong]
     return np.einsum("ki,ki->k", field, axis).conj()
 
 
