@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from datafactory.paths.columns import WHOLE, Columns
-from datafactory.paths.panes import polarization_axis
+from datafactory.paths.panes import NEAREST_M, polarization_axis
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import share_at
 from datafactory.paths.slabs import reflected_fields, reflectivity
@@ -35,8 +35,6 @@ from datafactory.paths.view import Hits, View, Waves
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Complex, Index, Real, dots, lengths, taken
 
-CLOSEST_M = 0.01
-"""Nearer surfaces do not scatter: the antennas' own size matters there. Single mirrors have the same bound."""
 THINNING, DIRECTIONS = 1, 2
 """What a frame's random numbers are drawn for, beside the kinds of bounce of a group."""
 MISSED_POLARIZATION = 1e-9
@@ -119,7 +117,7 @@ class Arrivals(Columns):
     def echoes(self) -> Echoes:
         """What the surfaces scatter back to the RX, where it sees them."""
         hits, waves = self.hits, self.waves
-        seen = np.flatnonzero(lengths(hits.point) >= CLOSEST_M)
+        seen = np.flatnonzero(lengths(hits.point) >= NEAREST_M)
         if self.kinds:
             seen = seen[dots(taken(hits.normal, seen), taken(hits.point, seen)) < 0.0]
             seen = seen[self.view.sight(taken(hits.point, seen), np.zeros(3))]

@@ -14,6 +14,7 @@ from scipy.special import fresnel
 
 from datafactory.paths.columns import Columns
 from datafactory.paths.corner_edges import CornerEdges
+from datafactory.paths.diffraction import GRAZING
 from datafactory.paths.geometry import ray_margin_m
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Complex, Index, Mask, Real
@@ -23,8 +24,6 @@ SPREAD_M = 0.15
 radar."""
 FADED = 3.0
 """Times ``SPREAD_M``, beyond which an end is left out: exp(-9)."""
-GRAZING = 1e-6
-"""Angles from a face [rad] below which the sensor counts as within it."""
 CELLS = (8, 48)
 """Cells along a strip: where the aperture has a constant width, and where it has not."""
 BEAM_ZONES = 2.0

@@ -51,7 +51,6 @@ from scipy.special import fresnel
 from datafactory.paths.candidates import CORNER as CORNER_ECHO
 from datafactory.paths.candidates import Candidates
 from datafactory.paths.corner_aperture import (
-    GRAZING,
     Cells,
     Views,
     cells_along,
@@ -64,7 +63,7 @@ from datafactory.paths.corner_aperture import (
     without_hidden,
 )
 from datafactory.paths.corner_edges import CornerEdges
-from datafactory.paths.diffraction import NEAREST_M, Heard, along_array
+from datafactory.paths.diffraction import GRAZING, NEAREST_M, Heard, along_array
 from datafactory.paths.mirrors import AHEAD_M
 from datafactory.paths.panes import polarization_axis
 from datafactory.paths.table import CORNER, ScatteredPaths, SpecularPaths

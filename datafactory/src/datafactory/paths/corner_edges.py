@@ -29,7 +29,8 @@ from shared.physics.compiled import compiled
 from shared.physics.vectors import Index, Mask, Real, unit
 
 LEAST_REACH_M = 0.005
-"""Faces that reach less far from the edge, over all of a corner, make none: they are narrower than a wavelength [m]."""
+"""Faces that reach less far from the edge, over all of a corner, or from a point, make none: they are narrower than a
+wavelength [m]."""
 
 
 @dataclass(frozen=True)

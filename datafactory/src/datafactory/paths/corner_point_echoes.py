@@ -24,10 +24,10 @@ import numpy as np
 
 from datafactory.paths.candidates import CORNER as CORNER_ECHO
 from datafactory.paths.candidates import Candidates
-from datafactory.paths.corner_aperture import BEAM_ZONES, GRAZING, SPREAD_M
+from datafactory.paths.corner_aperture import BEAM_ZONES, SPREAD_M
 from datafactory.paths.corner_echoes import FAINTEST_DBSM, WIDE, over_faces
 from datafactory.paths.corner_points import CornerPoints
-from datafactory.paths.diffraction import NEAREST_M, Heard
+from datafactory.paths.diffraction import GRAZING, NEAREST_M, Heard
 from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.mirrors import AHEAD_M
 from datafactory.paths.table import CORNER, ScatteredPaths, SpecularPaths

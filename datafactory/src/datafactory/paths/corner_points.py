@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of
+from datafactory.paths.corner_edges import LEAST_REACH_M
 from datafactory.paths.facets import mirrors_of
 from datafactory.paths.free_extent import flattened, reach_around
 from datafactory.paths.merged_scene import MergedScene, Part, found_once, motions_of, owners_of
@@ -25,8 +26,6 @@ from shared.physics.vectors import Index, Real, unit
 
 DIRECTIONS = 45
 """In which the reach of a face is sampled over a right angle: every two degrees."""
-LEAST_REACH_M = 0.005
-"""Faces that reach less far make no corner: they are narrower than a wavelength [m]."""
 FARTHEST_M = 50.0
 """Triangles that begin farther from the point are not looked at [m]."""
 

@@ -58,7 +58,8 @@ from datafactory.paths.columns import Columns, apart
 from datafactory.paths.curved_surfaces import CurvedSurfaces, curved_surfaces_of, turned_to
 from datafactory.paths.facets import share_within_rims
 from datafactory.paths.geometry import ray_margin_m
-from datafactory.paths.mirrors import AHEAD_M, CLOSEST_M, MirrorEchoes, plane_amplitude, way_and_back
+from datafactory.paths.mirrors import AHEAD_M, MirrorEchoes, plane_amplitude, way_and_back
+from datafactory.paths.panes import NEAREST_M
 from datafactory.paths.table import ScatteredPaths, SpecularPaths
 from datafactory.paths.view import View
 from shared.physics.vectors import Complex, Index, Mask, Real, unit
@@ -302,7 +303,7 @@ def curved_mirrors(view: View) -> tuple[ScatteredPaths, SpecularPaths, dict[str,
     mesh_of_triangle = view.merged.mesh_of_triangle
     moved = view.moved[mesh_of_triangle[surfaces.triangle]]
     every, focused = curved_feet(surfaces, moved, view.rotation, -AHEAD_M)
-    every = every.take(every.range_m() >= CLOSEST_M)
+    every = every.take(every.range_m() >= NEAREST_M)
     passed, kinds = way_and_back(view, every.seen_to)
     seen = np.flatnonzero(passed != 0.0)
     feet = every.take(seen)

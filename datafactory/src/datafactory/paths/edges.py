@@ -91,9 +91,8 @@ def _with_turn(edges: WedgeEdges, merged_scene: MergedScene) -> WedgeEdges:
     """The edges with the velocities of those that turn: at the start, and their change along the edge."""
     if not merged_scene.turns or not len(edges):
         return edges
-    turned = np.array([mesh.turned is not None for mesh in merged_scene.meshes], dtype=bool)
     velocity, turn = edges.velocity.copy(), edges.turn.copy()
-    for index in np.flatnonzero(turned):
+    for index in np.flatnonzero(merged_scene.turned):
         mesh, here = merged_scene.meshes[index], np.flatnonzero(edges.face_mesh[:, 0] == index)
         if not len(here):
             continue

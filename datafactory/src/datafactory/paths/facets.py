@@ -144,9 +144,8 @@ def mirrors_of(merged_scene: MergedScene) -> Mirrors:
     known = mirrors_of(merged_scene.at_rest)
     if not merged_scene.turns:
         return known
-    turned = np.array([mesh.turned is not None for mesh in merged_scene.meshes], dtype=bool)
-    now = Mirrors.of(merged_scene.meshes)
-    return replace(now, known=known, turned=turned[merged_scene.mesh_of_triangle])
+    turned = merged_scene.turned[merged_scene.mesh_of_triangle]
+    return replace(Mirrors.of(merged_scene.meshes), known=known, turned=turned)
 
 
 def _without_shared(edges: Real) -> Real:

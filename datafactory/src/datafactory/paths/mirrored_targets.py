@@ -62,17 +62,15 @@ class DirectWays:
     kinds: NDArray[np.uint8]
 
 
-def echoes_over_mirrors(
-    view: View, direct: DirectWays, wanted: Mask | None = None
-) -> tuple[ScatteredPaths, dict[str, int]]:
+def echoes_over_mirrors(view: View, direct: DirectWays, wanted: Mask) -> tuple[ScatteredPaths, dict[str, int]]:
     """The echoes of point targets that take a mirror out, back, or both ways.
 
-    :param wanted: [K] which echo points are followed; None for all
+    :param wanted: [K] which echo points are followed
     :return: the paths, their candidates numbers of the echo points; the numbers of ways over mirrors, of weaker ways
         left out, and of pairs of ways too far apart
     """
     position = (direct.points.position - np.asarray(view.pose.position)) @ view.rotation
-    chosen = np.arange(len(position)) if wanted is None else np.flatnonzero(wanted)
+    chosen = np.flatnonzero(wanted)
     every = ways_over_mirrors(view, position[chosen])
     every = replace(every, point=chosen[every.point])
     mirrors = _strongest(every)

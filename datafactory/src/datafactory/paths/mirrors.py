@@ -41,7 +41,7 @@ from datafactory.paths.columns import Columns, apart
 from datafactory.paths.facets import COPLANAR_M
 from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.merged_scene import MergedScene
-from datafactory.paths.panes import AXES, FAINTEST, Polarization, panes_between, polarization_axis
+from datafactory.paths.panes import AXES, FAINTEST, NEAREST_M, Polarization, panes_between, polarization_axis
 from datafactory.paths.slabs import LEAST_COSINE, reflected_fields
 from datafactory.paths.table import REFRACTED, SPECULAR, SpecularPaths
 from datafactory.paths.view import View
@@ -50,8 +50,6 @@ from shared.physics.vectors import Complex, Index, Mask, Real
 
 INSIDE = 1e-9
 """Barycentric coordinates may fall below zero by this: a foot on an edge belongs to both triangles, and counts once."""
-CLOSEST_M = 0.01
-"""Nearer mirrors are left out, as the solver does: the antennas' own size matters there."""
 SAME_IMAGE_M = 2.0 * COPLANAR_M
 """Images nearer to each other belong to one mirror: faces that lie in one plane, or on top of each other."""
 AHEAD_M = 1e-6
@@ -149,12 +147,11 @@ def _rates_of_normals(merged_scene: MergedScene, triangle: Index, mesh: Index) -
     With N = a x b of two sides, N' = a' x b + a x b', and n' = (N' - n (n . N')) / |N|.
     """
     rates = np.zeros((len(triangle), 3))
-    first = np.cumsum([0, *(len(item.triangles) for item in merged_scene.meshes)])
     for number in np.unique(mesh):
         item, here = merged_scene.meshes[number], np.flatnonzero(mesh == number)
         if item.turned is None:
             continue
-        corners = item.triangles[triangle[here] - first[number]]
+        corners = item.triangles[triangle[here] - merged_scene.first[number]]
         sides, changes = (
             values[corners][:, 1:] - values[corners][:, :1] for values in (item.vertices, item.turned.velocities)
         )
@@ -281,7 +278,7 @@ def _reflecting(position, normals, height, inward, border):
             radar = abs(height[t])
             above = normals[t, 0] * px + normals[t, 1] * py + normals[t, 2] * pz - height[t]
             over = -above if height[t] > 0.0 else above  # positive on the radar's side
-            if radar < CLOSEST_M or over < -TOUCHING_M:
+            if radar < NEAREST_M or over < -TOUCHING_M:
                 continue
             share = radar / (radar + max(over, 0.0))
             x = share * (px - 2.0 * above * normals[t, 0])

@@ -30,7 +30,8 @@ FAINTEST = 1e-4
 """One-way amplitude behind surfaces below which a target or a mirror counts as hidden: -160 dB both ways, as behind any
 wall."""
 NEAREST_M = 0.01
-"""No pane counts as nearer: the antennas' own size matters there."""
+"""Nearer surfaces do not scatter, nearer mirrors are left out, as the solver does, and no pane counts as nearer: the
+antennas' own size matters there."""
 
 
 def panes_between(

@@ -23,10 +23,9 @@ def with_surfaces(part: Bundle, view: View) -> Bundle:
     merged, settings = view.merged, view.settings
     triangle = np.maximum(part.triangles, 0)  # -1 stands beyond a path's end, where nothing is looked at
     mesh = merged.mesh_of_triangle[triangle] if len(merged.mesh_of_triangle) else triangle
-    shift = np.array([item.shift for item in merged.meshes]).reshape(-1, 3)
     world = part.vertices.reshape(-1, 3) @ view.rotation.T + np.asarray(view.pose.position)
     world = world.reshape(part.vertices.shape)
-    unshifted = world - shift.take(mesh, axis=0) if shift.any() else world
+    unshifted = world - merged.shifts.take(mesh, axis=0) if merged.shifts.any() else world
     at_rest = unshifted
     if merged.turns:
         carried = merged.carried(triangle.reshape(-1), world.reshape(-1, 3), mesh.reshape(-1))

@@ -288,12 +288,11 @@ def _bundle_of(paths: Any, valid: Mask, shapes: dict[int, int], merged_scene: Me
     rotation = pose.rotation()
     objects, triangles = np.full((2, *shape.shape), -1, dtype=np.int64)
     velocities = np.zeros(vertices.shape)
-    first = np.cumsum([0, *(len(mesh.triangles) for mesh in merged_scene.meshes)])
     for object_id, index in shapes.items():
         mesh = merged_scene.meshes[index]
         here = (shape == object_id) & (interactions > 0)
         objects[here] = mesh.object_of_triangle[primitive[here]]
-        triangles[here] = first[index] + primitive[here]
+        triangles[here] = merged_scene.first[index] + primitive[here]
         velocities[here] = (mesh.velocity - np.asarray(pose.velocity)) @ rotation
         if mesh.turned is not None:
             of_mesh = np.zeros((len(merged_scene.meshes), 3))

@@ -113,7 +113,7 @@ class View:
     @cached_property
     def moved(self) -> Real:
         """[M, 3] what brings each mesh from its place at time 0 to the radar's origin, world [m]."""
-        return np.array([mesh.shift for mesh in self.merged.meshes]).reshape(-1, 3) - np.asarray(self.pose.position)
+        return self.merged.shifts - np.asarray(self.pose.position)
 
     @cached_property
     def corners(self) -> Real:
@@ -165,11 +165,6 @@ class View:
         return meshes
 
     @cached_property
-    def first(self) -> Index:
-        """[M + 1] where each mesh's triangles begin."""
-        return np.cumsum([0, *(len(mesh.triangles) for mesh in self.merged.meshes)])
-
-    @cached_property
     def lobes(self) -> Mask:
         """[M] whether what a mesh scatters has lobes."""
         return np.array([has_lobes(slab.pattern) for slab in self.slabs.materials], dtype=bool)
@@ -177,8 +172,7 @@ class View:
     @cached_property
     def _velocity(self) -> Real:
         """[M, 3] of the meshes that do not turn, relative to the radar [m/s]."""
-        velocity = np.array([mesh.velocity for mesh in self.merged.meshes]).reshape(-1, 3)
-        return (velocity - np.asarray(self.pose.velocity)) @ self.rotation
+        return (self.merged.velocities - np.asarray(self.pose.velocity)) @ self.rotation
 
     def velocity(self, triangle: Index, point: Real) -> Real:
         """[n, 3] velocities relative to the radar of points [n, 3] on triangles [n] [m/s]."""
@@ -203,7 +197,7 @@ class View:
         met = first_hits(self.geometry, waves.lifted, waves.direction, reach, normals=False)
         valid = np.flatnonzero(met.valid)
         mesh = self.mesh_of_number[met.shape[valid]]
-        triangle = self.first[mesh] + met.primitive[valid]
+        triangle = self.merged.first[mesh] + met.primitive[valid]
         point, normal, cosine, distance = onto_planes(
             valid, waves.start, waves.direction, met.distance, triangle, self.normals, self.heights
         )
