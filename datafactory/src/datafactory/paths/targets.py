@@ -15,7 +15,7 @@ from datafactory.paths.round_corners import Hidden, echoes_round_corners
 from datafactory.paths.table import REFRACTED, TARGET, ScatteredPaths, SpecularPaths
 from datafactory.paths.view import EDGES_WITHIN_M, View
 from shared.physics.units import db_to_power
-from shared.physics.vectors import Mask, Real
+from shared.physics.vectors import Mask, Real, lengths
 
 FAINTEST_ECHO = 1e-2 / EDGES_WITHIN_M**4
 """Cross section over the fourth power of the distance [1/m^2] below which a target in plain sight is left out: as faint
@@ -44,7 +44,12 @@ class TargetEchoes:
         self._view, settings, pose = view, view.settings, view.pose
         crossed = settings.polarization[0] != settings.polarization[1]
         self._circumstances = Seen(view.wavelength_m, pose.time_s, crossed, seed)
-        self._loudness = _loudness(view)
+        targets = view.merged.targets
+        self._away = (
+            np.array([target.position for target in targets]).reshape(-1, 3) - np.asarray(pose.position)
+        ) @ view.rotation
+        self._nominal = np.array([float(db_to_power(target.rcs_dbsm)) for target in targets])
+        self._loudness = self._nominal / np.maximum(lengths(self._away) ** 4, np.finfo(float).tiny)
         points = all_echo_points(view.merged.targets, pose.position, self._circumstances)
         self._points = points = points.take((self._loudness >= FAINTEST_ECHO)[points.target])
         self._position = (points.position - np.asarray(pose.position)) @ view.rotation
@@ -68,14 +73,11 @@ class TargetEchoes:
         itself = Candidates.of(TARGET_SEEN, self._position, self._amplitude**2)
         if not self._over_mirrors:
             return itself
-        view, targets = self._view, self._view.merged.targets
-        whole = np.bincount(self._points.target, self._points.rcs_m2, len(targets))
-        nominal = np.array([float(db_to_power(target.rcs_dbsm)) for target in targets])
-        away = (np.array([target.position for target in targets]) - np.asarray(view.pose.position)) @ view.rotation
-        of_sight = self._circumstances.wavelength_m**2 * np.maximum(whole, nominal) / (4.0 * np.pi) ** 3
-        power = MIRRORED_MORE * of_sight / np.maximum(np.linalg.norm(away, axis=1), 1e-3) ** 4
+        whole = np.bincount(self._points.target, self._points.rcs_m2, len(self._nominal))
+        of_sight = self._circumstances.wavelength_m**2 * np.maximum(whole, self._nominal) / (4.0 * np.pi) ** 3
+        power = MIRRORED_MORE * of_sight / np.maximum(lengths(self._away), 1e-3) ** 4
         heard = self._loudness >= FAINTEST_ECHO
-        return Candidates.joined([itself, Candidates.of(TARGET_MIRRORED, away, np.where(heard, power, 0.0))])
+        return Candidates.joined([itself, Candidates.of(TARGET_MIRRORED, self._away, np.where(heard, power, 0.0))])
 
     def seen(self, worth: Mask) -> Heard:
         """The echoes, no paths without a scattering point, and the numbers of those left out."""
@@ -122,12 +124,3 @@ class TargetEchoes:
             parts.append(replace(echoes, candidate=of_target))
             counts |= more
         return ScatteredPaths.joined(parts), SpecularPaths.none(), counts
-
-
-def _loudness(view: View) -> Real:
-    """[T] nominal cross section of every target over the fourth power of its distance [1/m^2]."""
-    targets = view.merged.targets
-    away = np.array([target.position for target in targets]).reshape(-1, 3) - np.asarray(view.pose.position)
-    fourth = np.maximum(np.einsum("ti,ti->t", away, away) ** 2, np.finfo(float).tiny)
-    nominal: Real = db_to_power([target.rcs_dbsm for target in targets]) / fourth
-    return nominal

@@ -79,25 +79,26 @@ def _add_moments(
     :param tx_centre: with the middle of ``rx`` it chooses the cell
     """
     waveform, device, dtype = radar.waveform, str(echoes.amplitude.device), moments.dtype
-    now, then = echoes.at(moved(time_s, device)), echoes.at(moved(time_s + lead_s, device))
+    tx_now, rx_now, between_now = echoes.at(moved(time_s, device))
+    tx_then, rx_then, between_then = echoes.at(moved(time_s + lead_s, device))
     bins_per_metre = waveform.bandwidth_hz / SPEED_OF_LIGHT
-    rx_length = distances(then.rx_point, centre(rx)[None])
-    middle = distances(then.tx_point, tx_centre[None])[..., 0] + then.between + rx_length[..., 0]
+    rx_length = distances(rx_then, centre(rx)[None])
+    middle = distances(tx_then, tx_centre[None])[..., 0] + between_then + rx_length[..., 0]
     nearest = torch.floor(bins_per_metre * middle * OVERSAMPLING + 0.5)
     # tau^2 = tau_0 (2 tau - tau_0) + (z / B)^2 with tau_0 the cell's delay; the last term is in the weights.
     slope = waveform.slope_hz_per_s if waveform.residual_video_phase else 0.0
     delay = nearest / (OVERSAMPLING * waveform.bandwidth_hz)
     frequency = ((reference_frequency_hz(radar) - slope * delay) / SPEED_OF_LIGHT)[..., None]
     constant = (0.5 * slope * delay * delay)[..., None]
-    tx_leg = distances(now.tx_point, tx) + now.between[..., None]
+    tx_leg = distances(tx_now, tx) + between_now[..., None]
     amplitude = echoes.amplitude[:, None, None].to(dtype)
     tx_phasor = amplitude * phasors(frequency * tx_leg + constant, dtype)
-    rx_phasor = phasors(frequency * distances(now.rx_point, rx), dtype)
-    departure = bins_per_metre * (distances(then.tx_point, tx) + then.between[..., None] + rx_length)
+    rx_phasor = phasors(frequency * distances(rx_now, rx), dtype)
+    departure = bins_per_metre * (distances(tx_then, tx) + between_then[..., None] + rx_length)
     departure -= nearest[..., None] / OVERSAMPLING
     # Each leg's part is small before it is rounded.
     real = real_of(dtype)
-    rx_shift = (bins_per_metre * (distances(then.rx_point, rx) - rx_length)).to(real)
+    rx_shift = (bins_per_metre * (distances(rx_then, rx) - rx_length)).to(real)
     shift = departure.to(real)[:, :, None, :] + rx_shift[..., None]
     value = tx_phasor[:, :, None, :] * rx_phasor[..., None]
     powers = [value]
