@@ -28,7 +28,7 @@ from datafactory.paths.panes import NEAREST_M, polarization_axis
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import share_at
 from datafactory.paths.slabs import reflected_fields, reflectivity
-from datafactory.paths.solver import Bundle, TraceSettings
+from datafactory.paths.solver import Bundle
 from datafactory.paths.table import DIFFUSE, SPECULAR
 from datafactory.paths.thinning import cell_of, thinned
 from datafactory.paths.view import Hits, View, Waves
@@ -70,14 +70,9 @@ class Arrivals(Columns):
         field = polarization_axis(direction, view.settings.polarization[0]).astype(np.complex128)
         index, hits = view.hit_by(departing := Waves.departing(direction, field))
         return Arrivals(
-            view, departing.arrived(index, hits), hits, *view.reflection(hits),
+            view, departing.arrived(index, hits), hits, *view.slabs.reflection(hits.mesh, hits.cosine),
             fan.solid_angle_ratio(direction[index]), index, (), fan.count,
         )  # fmt: skip
-
-    @property
-    def settings(self) -> TraceSettings:
-        """Of the frame."""
-        return self.view.settings
 
     def share(self, each: int) -> tuple[Arrivals, Arrivals]:
         """Every ``each``-th ray of the fan, and the others; what is found from both is what is found from all."""
@@ -101,7 +96,7 @@ class Arrivals(Columns):
             np.concatenate([waves.triangles, hits.triangle[:, None]], axis=1),
         )
         index, met = self.view.hit_by(departing)
-        te, tm = self.view.reflection(met)
+        te, tm = self.view.slabs.reflection(met.mesh, met.cosine)
         kinds = (*self.kinds, kind)
         return replace(
             self, waves=departing.arrived(index, met), hits=met, te=te, tm=tm, ratio=ratio[index], ray=ray[index],
@@ -122,7 +117,7 @@ class Arrivals(Columns):
             seen = seen[dots(taken(hits.normal, seen), taken(hits.point, seen)) < 0.0]
             seen = seen[self.view.sight(taken(hits.point, seen), np.zeros(3))]
         # Home again, theta^ is where it was when the wave came, and phi^ is reversed: the RX looks against the wave.
-        sign = 1.0 if self.settings.polarization[1] == "V" else -1.0
+        sign = 1.0 if self.view.settings.polarization[1] == "V" else -1.0
         kept = sign * reflectivity(waves.direction, hits.normal, waves.field, self.te, self.tm)
         return self.heard(seen, waves.field, kept, 0)
 
@@ -134,7 +129,7 @@ class Arrivals(Columns):
         :param kept: [n] the factor that scattering has on it besides S and f: |Gamma|, with its sign
         """
         waves, hits, view = self.waves, self.hits, self.view
-        axis = polarization_axis(waves.direction, self.settings.polarization[1])
+        axis = polarization_axis(waves.direction, self.view.settings.polarization[1])
         arriving = _Arriving(
             waves.direction, waves.length, waves.rate, hits.point, hits.normal, hits.mesh,
             view.velocity(hits.triangle, hits.point), field, axis, kept, self.ratio,
@@ -168,7 +163,7 @@ class Echoes(Columns):
     def thinned(self, seed: int) -> Bundle:
         """Those that stay in their cells, as paths; the group's random numbers are its own."""
         random = np.random.default_rng([seed, THINNING, self.crossings, *self.kinds])
-        most = self.arrivals.settings.most_in_a_cell
+        most = self.arrivals.view.settings.most_in_a_cell
         if self.kinds[0] == SPECULAR:  # each enters the table with its reverse
             most = (most + 1) // 2
         index, factor = thinned(self.cell, self.power, most, random)

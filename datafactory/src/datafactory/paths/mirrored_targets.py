@@ -76,11 +76,11 @@ def echoes_over_mirrors(view: View, direct: DirectWays, wanted: Mask) -> tuple[S
     mirrors = _strongest(every)
     ways = Ways.joined([_direct(direct, mirrors, view), mirrors])
     ways = ways.take(np.argsort(ways.point, kind="stable"))
-    out, back = pairs_in_runs(ways.point)
-    mirrored = (ways.triangle[out] != DIRECT) | (ways.triangle[back] != DIRECT)
-    out, back = out[mirrored], back[mirrored]
-    seen, kept = _seen_along(view, direct, ways, out, back)
-    out, back = ways.take(out[kept]), ways.take(back[kept])
+    one, other = pairs_in_runs(ways.point)
+    mirrored = (ways.triangle[one] != DIRECT) | (ways.triangle[other] != DIRECT)
+    one, other = one[mirrored], other[mirrored]
+    seen, kept = _seen_along(view, direct, ways, one, other)
+    out, back = ways.take(one[kept]), ways.take(other[kept])
     counts = {
         "target_mirrors": len(mirrors),
         "target_mirrors_left_out": len(every) - len(mirrors),
@@ -101,7 +101,7 @@ def echoes_over_mirrors(view: View, direct: DirectWays, wanted: Mask) -> tuple[S
         amplitude=level * field,
         depth=np.where(straight, 2, 3).astype(np.int8),
         object_index=(len(view.merged.objects) - len(view.merged.targets) + seen.target).astype(np.int32),
-        kinds=SPECULAR | np.where(straight, direct.kinds[out.point], np.uint8(TARGET)),
+        kinds=(SPECULAR | np.where(straight, direct.kinds[out.point], TARGET)).astype(np.uint8),
         candidate=out.point.astype(np.int32),
     )
     return paths.take(paths.amplitude != 0.0), counts

@@ -77,7 +77,7 @@ def over_mirrors(first: Arrivals) -> list[Echoes]:
     :param first: where the frame's rays meet their first surfaces, or a share of them
     """
     echoes, arrivals = list[Echoes](), first
-    while first.settings.specular and len(arrivals.kinds) + 1 < first.settings.depth:
+    while first.view.settings.specular and len(arrivals.kinds) + 1 < first.view.settings.depth:
         arrivals = arrivals.reflected()
         echoes.append(arrivals.echoes())
     return echoes
@@ -88,14 +88,14 @@ def behind_panes(first: Arrivals) -> Echoes:
     view = first.view
     first = first.take(view.slabs.lets_through[first.hits.mesh])
     waves, panes = first.waves, first.hits
-    te, tm = view.transmission(panes)
+    te, tm = view.slabs.transmission(panes.mesh, panes.cosine)
     field = passed_fields(waves.direction, panes.normal, waves.field, te, tm)
     waves = replace(waves, lifted=panes.clear(-1.0), field=field)
     index, hits = view.hit_by(waves)
     waves, panes, te, tm = waves.arrived(index, hits), panes.take(index), te[index], tm[index]
     turned = _turned_back(waves.field, polarization_axis(waves.direction, "V"))
     back = passed_fields(waves.direction, panes.normal, turned, te, tm)
-    te, tm = view.reflection(hits)
+    te, tm = view.slabs.reflection(hits.mesh, hits.cosine)
     kept = reflectivity(waves.direction, hits.normal, waves.field, te, tm)
     behind = replace(first, waves=waves, hits=hits, te=te, tm=tm, ratio=first.ratio[index], ray=first.ray[index])
     return behind.heard(np.arange(len(back)), back, kept, 2)
@@ -118,7 +118,7 @@ def scattered_twice(first: Arrivals, seed: int) -> list[Echoes]:
     :param first: where the frame's rays meet their first surfaces, or a share of them
     :param seed: of the directions
     """
-    settings, rays = first.settings, round(first.rays)
+    settings, rays = first.view.settings, round(first.rays)
     each = max(min(settings.twice_share, rays // LEAST_RAYS), 1)
     followed = replace(first.share(each)[0], rays=first.rays / each)
     echoes, front = list[Echoes](), [followed]
@@ -202,7 +202,7 @@ class SecondBounces:
 
     def _chains(self) -> Candidates:
         arrivals, sequences = self._thin, list[Index]()
-        if not arrivals.settings.specular:
+        if not arrivals.view.settings.specular:
             return Candidates.none()
         for _ in range(LARGEST_DEPTH - 1):
             arrivals = arrivals.reflected()

@@ -18,7 +18,7 @@ served, or every effect is asked for, all candidates are followed.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from datafactory.paths.corner_point_echoes import CornerPointEchoes
 from datafactory.paths.corner_points import points_of
 from datafactory.paths.curved_echoes import curved_mirrors
 from datafactory.paths.curved_surfaces import curved_surfaces_of
-from datafactory.paths.diffraction import EdgeEchoes, Heard
+from datafactory.paths.diffraction import EdgeEchoes
 from datafactory.paths.edges import edges_of
 from datafactory.paths.geometry import Geometry, placed
 from datafactory.paths.merged_scene import MergedScene
@@ -48,18 +48,10 @@ from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.paths.targets import TargetEchoes
 from datafactory.paths.view import View
 from datafactory.scenes.poses import Pose
-from shared.physics.vectors import Mask
 
-
-class Listed(Protocol):
-    """Echoes of which a frame knows a list."""
-
-    @property
-    def candidates(self) -> Candidates:
-        """With their bounds, nothing tested for visibility."""
-
-    def seen(self, worth: Mask) -> Heard:
-        """Those of the candidates ``worth`` that are in sight, and counts."""
+Listed = TargetEchoes | EdgeEchoes | CornerEchoes | CornerPointEchoes
+"""Echoes of which a frame knows a list: ``candidates`` with their bounds, nothing tested for visibility, and ``seen``,
+those of the candidates that are worth it and in sight."""
 
 
 @dataclass
@@ -115,7 +107,11 @@ def trace(
         second = SecondBounces(first, seed) if settings.depth > 1 else None
         _add_scattered(found, first.echoes().thinned(seed), view, fan)
     if settings.specular:
-        _add_single_mirrors(found, view)
+        # Flat mirrors and curved ones, those beyond panes among them: these go with what else is beyond panes.
+        singles, counts = single_mirrors(view)
+        points, images, of_curved = curved_mirrors(view)
+        found.add(points, singles, images)
+        found.counts |= counts | of_curved
     listed = _listed(view, target_seed)
     groups = {PANE: panes, **dict.fromkeys((MIRRORED, TWICE, CHAIN), Candidates.none())}
     groups |= second.candidates() if second is not None else {}
@@ -126,8 +122,9 @@ def trace(
         worth = notice.worth(candidates, notice.limit_w(found.table()))
     places = np.cumsum([0, *map(len, parts)])
     for source, start, stop in zip(listed, places, places[1:], strict=False):
-        *parts, counts = source.seen(worth[start:stop])
-        found.add(*(replace(part, candidate=part.candidate + np.int32(start)) for part in parts))
+        *paths, counts = source.seen(worth[start:stop])
+        moved: Any = [replace(part, candidate=part.candidate + np.int32(start)) for part in paths]
+        found.add(*moved)
         found.counts |= counts
     begins = dict(zip(groups, places[len(listed) :], strict=False))
     followed = {group: int(start) for group, start in begins.items() if worth[start]}
@@ -162,14 +159,6 @@ def _listed(view: View, target_seed: int) -> list[Listed]:
     if settings.corners:
         listed += [CornerEchoes(view), CornerPointEchoes(view)]
     return listed
-
-
-def _add_single_mirrors(found: _Found, view: View) -> None:
-    """Flat mirrors and curved ones, those beyond panes among them: these go with what else is beyond panes."""
-    singles, counts = single_mirrors(view)
-    points, images, of_curved = curved_mirrors(view)
-    found.add(points, singles, images)
-    found.counts |= counts | of_curved
 
 
 def _add_scattered(found: _Found, part: Bundle, view: View, fan: RayFan, group: int | None = None) -> None:

@@ -203,11 +203,3 @@ class View:
         )
         good = np.flatnonzero(cosine > 0.0)
         return valid[good], Hits(point, normal, triangle, mesh, cosine, distance).take(good)
-
-    def reflection(self, hits: Hits) -> tuple[Complex, Complex]:
-        """R of the surfaces, TE [n] and TM [n], were they smooth."""
-        return self.slabs.reflection(hits.mesh, hits.cosine)
-
-    def transmission(self, hits: Hits) -> tuple[Complex, Complex]:
-        """T of the surfaces, TE [n] and TM [n], over that of the air in their place; the same in both senses."""
-        return self.slabs.transmission(hits.mesh, hits.cosine)

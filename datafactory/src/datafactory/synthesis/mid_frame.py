@@ -11,7 +11,7 @@ out of it. A path that no row of a Doppler cell wants is not evaluated for this 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Int64
@@ -36,8 +36,7 @@ NEGLECTED, LEVELS = 10.0 ** (NEGLECTED_DB / 10.0), 140
 """The same as a ratio; levels of 1 dB that are told apart."""
 
 
-@dataclass(frozen=True)
-class MidFrame:
+class MidFrame(NamedTuple):
     """Paths at mid-frame, as seen by one TX: the input of the kernel.
 
     :param rx_point: [m]; ``rx_velocity`` [m/s]
@@ -61,7 +60,7 @@ class MidFrame:
 
     def take(self, index: Int64[np.ndarray, " chosen"]) -> MidFrame:
         """The paths at these indices."""
-        return MidFrame(**{name: taken(getattr(self, name), index) for name in self.__dataclass_fields__})
+        return MidFrame(**{name: taken(getattr(self, name), index) for name in self._fields})
 
 
 def at_mid_frame(
