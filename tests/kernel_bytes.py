@@ -99,7 +99,8 @@ def truth() -> Arrays:
                 draw.uniform(-3.0, 3.0, (PATHS, 3)), draw.uniform(5.0, 20.0, PATHS), draw.uniform(-3.0, 3.0, PATHS),
                 draw.uniform(-0.05, 0.05, PATHS), none, none, amplitude, none,
             ),
-            np.full(PATHS, count), (places, CENTRE), doppler_moments.Frame(3.0, 128.0, 0.01, REFERENCE_HZ, BANDWIDTH_HZ, 1e-5, 0.013),
+            np.full(PATHS, count), (places, CENTRE),
+            doppler_moments.Frame(3.0, 128.0, 0.01, REFERENCE_HZ, BANDWIDTH_HZ, 1e-5, 0.013),
             np.ones(cells, dtype=bool), (-2, -6.0, response), doppler_moments.BINOMIAL, grid,
         )  # fmt: skip
         yield grid
