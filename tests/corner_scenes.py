@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from oracles import scattered_delays, specular_delays
-from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, mesh, scene_of, slabs
+from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, every_one, mesh, scene_of, slabs, view_with
 
 from datafactory.paths.corner_echoes import CornerEchoes
 from datafactory.paths.corner_edges import CornerEdges, corners_of
 from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import ScatteredPaths, SpecularPaths
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import SceneObject
@@ -153,7 +154,8 @@ def echoes(
     polarization: tuple[Polarization, Polarization] = ("V", "V"),
 ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
     """What the corners of a scene send back."""
-    return CornerEchoes(corners_seen(of, pose), slabs(of), polarization).seen(sight)
+    settings = TraceSettings(polarization=polarization)
+    return every_one(CornerEchoes(view_with(slabs(of), sight, settings, corner_edges=corners_seen(of, pose))))
 
 
 def received(paths: tuple[ScatteredPaths, SpecularPaths], tx: Real = NOWHERE, rx: Real = NOWHERE, time_s: float = 0.0):

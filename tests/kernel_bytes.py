@@ -15,7 +15,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from datafactory.synthesis import doppler_moments, line_sums, lines, spread
+from datafactory.synthesis import doppler_moments, line_sums, lines, mid_frame, spread
 from trainer.estimators.array import LineArray
 from trainer.estimators.fitting import GroupTest, RangePlace, fit_groups, fit_lines
 
@@ -87,18 +87,20 @@ def truth() -> Arrays:
     cells, block, shifts = 64, doppler_moments.BLOCK, doppler_moments.SHIFT_TERMS
     places = np.zeros((block, 3))
     places[:, 1] = 0.002 * np.arange(block)
+    none = np.zeros(PATHS)
     for count in range(1, 8):
         draw = numbers(count)
         amplitude = draw.standard_normal((PATHS, 2)) @ [1.0, 1j]
         response = draw.standard_normal((5, 200, count)) + 1j * draw.standard_normal((5, 200, count))
         grid = np.zeros((cells, count * shifts * 2 * block), dtype=np.float32)
         doppler_moments.add_doppler_moments(
-            doppler_moments.Seen(
-                np.full(PATHS, count), draw.uniform((10.0, -10.0, -10.0), (30.0, 10.0, 10.0), (PATHS, 3)),
+            mid_frame.MidFrame(
+                draw.uniform((10.0, -10.0, -10.0), (30.0, 10.0, 10.0), (PATHS, 3)),
                 draw.uniform(-3.0, 3.0, (PATHS, 3)), draw.uniform(5.0, 20.0, PATHS), draw.uniform(-3.0, 3.0, PATHS),
-                draw.uniform(-0.05, 0.05, PATHS), amplitude,
+                draw.uniform(-0.05, 0.05, PATHS), none, none, amplitude, none,
             ),
-            (places, CENTRE), doppler_moments.Frame(3.0, 128.0, 0.01, REFERENCE_HZ, BANDWIDTH_HZ, 1e-5, 0.013),
+            np.full(PATHS, count), (places, CENTRE),
+            doppler_moments.Frame(3.0, 128.0, 0.01, REFERENCE_HZ, BANDWIDTH_HZ, 1e-5, 0.013),
             np.ones(cells, dtype=bool), (-2, -6.0, response), doppler_moments.BINOMIAL, grid,
         )  # fmt: skip
         yield grid

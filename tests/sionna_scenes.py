@@ -67,6 +67,18 @@ def view_of(of: MergedScene, pose: Pose = AT_ORIGIN, settings: TraceSettings | N
     return View(geometry, of, slabs(of), pose, settings or TraceSettings())
 
 
+def view_with(of: Slabs, sight: Any, settings: TraceSettings | None = None, **found: Any) -> View:
+    """A view without a geometry: what is in sight of it is said, and which edges or corners it has."""
+    view = View(None, scene_of(), of, AT_ORIGIN, settings or TraceSettings())
+    vars(view).update(found, sight=sight)
+    return view
+
+
+def every_one(source: Any) -> Any:
+    """What is seen of all candidates of a source of echoes."""
+    return source.seen(np.ones(len(source.candidates), dtype=bool))
+
+
 def scene_of(*objects: SceneObject) -> MergedScene:
     return merge_scene(Scene("test", objects), MATERIALS)
 

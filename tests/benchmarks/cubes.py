@@ -8,6 +8,7 @@ from record import RELATIVE_L2, Record, timed
 from workloads import EGO_SPEED_MPS, Workload, street
 
 from datafactory.synthesis.chirps import cube_by_chirps
+from datafactory.synthesis.motion import Recording
 from datafactory.synthesis.sorting import sorted_paths
 
 
@@ -64,10 +65,10 @@ def other_tolerance(work: Workload, tolerance: str) -> Record:
 
 def vs_chirps(work: Workload, tolerance: str) -> Record:
     """All kernels, each path in the cheapest, beside the exact one for all."""
-    radar, chirps = work.radar, work.radar.waveform.chirps
+    chirps, recording = work.radar.waveform.chirps, Recording(work.radar, float(tolerance), intra_chirp=False)
 
     def by_chirps(paths):
-        return cube_by_chirps(paths, radar, float(tolerance), radar.array, 1, False, chirps, np.complex64)
+        return cube_by_chirps(paths, recording, 1, chirps, np.complex64)
 
     by_chirps(street(32, EGO_SPEED_MPS))
     elapsed, cube = work.cube_at(float(tolerance))
@@ -80,5 +81,5 @@ def vs_chirps(work: Workload, tolerance: str) -> Record:
         reference_time=reference_time,
         error=work.error_against_direct(cube),
         error_unit=f"{RELATIVE_L2} against the float64 sum on {work.size.direct_samples} channel-chirps",
-        details=sorted_paths(work.paths, radar, float(tolerance), radar.array, intra_chirp=False).counts(),
+        details=sorted_paths(work.paths, recording).counts(),
     )

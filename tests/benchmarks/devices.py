@@ -14,6 +14,7 @@ from workloads import EGO_SPEED_MPS, Workload, street
 from datafactory.paths.backend import cuda_device
 from datafactory.paths.table import PathTable
 from datafactory.synthesis.cube import ON_CPU, Kernels, synthesis_problem, torch_kernels
+from datafactory.synthesis.motion import Recording
 from datafactory.synthesis.sorting import sorted_paths
 from shared.signal.imaging import DEFAULT_TERMS
 from shared.signal.spectrum import range_doppler, select_doppler
@@ -40,8 +41,8 @@ def cube(work: Workload, device: str) -> Record:
     """The moving cube of torch, copied back from a GPU."""
 
     def make(made_by: Kernels, table: PathTable) -> NDArray[np.complexfloating]:
-        by_kernel = sorted_paths(table, work.radar, TOLERANCE, work.radar.array, intra_chirp=False)
-        return made_by.cube(by_kernel, work.radar, TOLERANCE, work.radar.array, 1, intra_chirp=False)
+        recording = Recording(work.radar, TOLERANCE, intra_chirp=False)
+        return made_by.cube(sorted_paths(table, recording), recording, 1)
 
     return _record("cube", f"{work.size.paths} paths, tolerance {TOLERANCE:g}, sorting included", make, work, device)
 

@@ -12,6 +12,7 @@ from oracles import if_chirp
 
 from datafactory.paths.table import PathTable
 from datafactory.synthesis.cube import cube_of_paths
+from datafactory.synthesis.motion import Recording
 from datafactory.synthesis.sorting import sorted_paths
 from shared.radar import Radar, load_radar
 from shared.radar.arrays import AntennaArray
@@ -23,10 +24,10 @@ CHECKED = 4
 
 def _sampled_error(paths: PathTable, radar: Radar, tolerance: float, array: AntennaArray | None = None) -> float:
     """Relative L2 error of the cube on CHECKED channels and chirps; infinite if no path goes along Doppler lines."""
-    array = array or radar.array
-    if not sorted_paths(paths, radar, tolerance, array, intra_chirp=False).counts()["paths_along_lines"]:
+    radar = radar if array is None else radar.model_copy(update={"array": array})
+    if not sorted_paths(paths, Recording(radar, tolerance, intra_chirp=False)).counts()["paths_along_lines"]:
         return np.inf
-    return _error(paths, radar, tolerance, array)
+    return _error(paths, radar, tolerance, radar.array)
 
 
 def _error(paths: PathTable, radar: Radar, tolerance: float, array: AntennaArray) -> float:

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from corner_scenes import HERE, always, cross_section_dbsm, level_db, received
 from oracles import corner_area
-from sionna_scenes import WAVELENGTH_M, box, mesh, plate, scene_of, slabs
+from sionna_scenes import WAVELENGTH_M, box, every_one, mesh, plate, scene_of, slabs, view_with
 
 from datafactory.paths.corner_point_echoes import CornerPointEchoes
 from datafactory.paths.corner_points import points_of
 from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import CORNER
 from datafactory.scenes.poses import Pose
 
@@ -52,8 +53,8 @@ def trihedral(distance_m: float, legs_m: float, square: bool = False, turn=None,
 
 
 def echoes(of: MergedScene, pose: Pose = HERE, sight=always, polarization=("V", "V")):
-    points = points_of(of).seen_from(pose)
-    return CornerPointEchoes(points, slabs(of), polarization).seen(sight)
+    settings, points = TraceSettings(polarization=polarization), points_of(of).seen_from(pose)
+    return every_one(CornerPointEchoes(view_with(slabs(of), sight, settings, corner_points=points)))
 
 
 def section_dbsm(objects, distance_m: float) -> float:

@@ -9,7 +9,19 @@ import numpy as np
 import pytest
 from edge_scenes import HOME, RADAR, WAVENUMBER, everything, only_edge_at, shortest_over, table_length
 from scipy.special import fresnel
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, channel, plate, scene_of, sionna_scene, slabs
+from sionna_scenes import (
+    FREQUENCY_HZ,
+    MATERIALS,
+    WAVELENGTH_M,
+    box,
+    channel,
+    every_one,
+    plate,
+    scene_of,
+    sionna_scene,
+    slabs,
+    view_with,
+)
 
 from datafactory.paths.diffraction import EdgeEchoes, field_over_edges, rays_over_edges
 from datafactory.paths.edges import edges_of
@@ -18,6 +30,7 @@ from datafactory.paths.geometry import clear_between
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.panes import polarization_axis
 from datafactory.paths.slabs import Slabs
+from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import DIFFRACTED, ScatteredPaths, SpecularPaths
 from datafactory.scenes.poses import Pose
 
@@ -28,7 +41,7 @@ def echoes(*objects, sight=everything, pose=HOME, **options):
 
 
 def edge_echoes(edges, slabs, sight, **options):
-    return EdgeEchoes(edges, slabs, **options).seen(sight)
+    return every_one(EdgeEchoes(view_with(slabs, sight, TraceSettings(**options), edges=edges)))
 
 
 def upright_edge(x=10.0, y=0.0, half=50.0, of="metal", length=30.0, turned=0.0):
@@ -46,7 +59,7 @@ def keller(angle: float, sign: float) -> float:
 def test_an_upright_rim_has_kellers_backscatter(polarization, sign):
     """1e-3 is what the transition function leaves at k L = 8000 and 50 deg from the mirror direction."""
     turned = np.radians(50.0)
-    scattered, specular, _ = echoes(upright_edge(turned=turned), polarization=(polarization,) * 2, mirrors_end=False)
+    scattered, specular, _ = echoes(upright_edge(turned=turned), polarization=(polarization,) * 2, finite_mirrors=False)
     near = np.argmin(np.linalg.norm(scattered.rx_point, axis=1))
     np.testing.assert_allclose(scattered.rx_point[near], [10.0, 0.0, 0.0], atol=1e-9)
     exact = WAVELENGTH_M / (4.0 * np.pi) * keller(0.5 * np.pi + turned, sign) / np.sqrt(2.0 * 10.0**3)
@@ -130,7 +143,7 @@ def test_mirror_and_edge_together_are_as_before_inside_the_mirror():
         rim = only_edge_at(edges_of(of), (distance, -inside, 0.0))
         delay = np.exp(2j * WAVENUMBER * (np.hypot(distance, inside) - distance))
         whole, rest = (
-            edge_echoes(rim, slabs(of), everything, mirrors_end=ends)[0].amplitude[0] for ends in (False, True)
+            edge_echoes(rim, slabs(of), everything, finite_mirrors=ends)[0].amplitude[0] for ends in (False, True)
         )
         # Metal reflects with -1 (V on an upright wall: TE).
         assert -share * mirror + rest * delay == pytest.approx(-mirror + whole * delay, abs=0.02 * mirror)
@@ -176,7 +189,7 @@ def test_a_rough_face_reflects_less_at_its_rim_too():
     smooth, rough = (
         edge_echoes(
             edges, Slabs([replace(MATERIALS["metal"], scattering_coefficient=s)], FREQUENCY_HZ), everything,
-            mirrors_end=False,
+            finite_mirrors=False,
         )[0].amplitude[0]
         for s in (0.0, 0.6)
     )  # fmt: skip

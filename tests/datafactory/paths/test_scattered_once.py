@@ -243,7 +243,7 @@ def test_parts_are_the_whole(depth):
     assert 0 < len(thin.ray) < len(rest.ray) / 32
     parts = zip(scattered_twice(thin, 1), scattered_twice(rest, 1), strict=True)
     for whole, (some, others) in zip(scattered_twice(first, 1), parts, strict=True):
-        joined = Echoes.joined([others, some])
+        joined = Echoes.joined([others, some]).by_ray()
         for item in ("amplitude", "power", "cell"):
             np.testing.assert_array_equal(getattr(joined, item), getattr(whole, item))
         one, other = joined.thinned(1), whole.thinned(1)

@@ -92,8 +92,7 @@ def test_one_pane_is_sionnas_refraction(polarization):
     theirs = through[0] / free[0]
     ours = crossed([far_pane("glass")], [point], polarization)
     cosine = abs(np.dot(point, [np.cos(np.pi / 6.0), 0.5, 0.0])) / np.linalg.norm(point)
-    assert ours.count[0] == 1
-    assert np.conj(ours.factor[0]) / replaced(cosine) == pytest.approx(theirs, abs=1e-3)
+    assert np.conj(ours[0]) / replaced(cosine) == pytest.approx(theirs, abs=1e-3)
 
 
 @pytest.mark.usefixtures("variant")
@@ -101,9 +100,9 @@ def test_crossings_multiply_and_points_before_a_pane_see_none():
     panes = [far_pane("glass"), far_pane("glass", "second", 8.0)]
     points = [(4.0, 0.0, 0.0), (6.5, 0.0, 0.0), (20.0, 0.0, 0.0), (-7.0, 1.0, 0.5)]
     result = crossed(panes, points)
-    np.testing.assert_array_equal(result.count, [0, 1, 2, 0])
-    np.testing.assert_allclose(result.factor[[0, 3]], 1.0, rtol=1e-14)
-    assert result.factor[2] == pytest.approx(result.factor[1] ** 2, rel=1e-6)
+    np.testing.assert_allclose(result[[0, 3]], 1.0, rtol=1e-14)
+    assert result[2] == pytest.approx(result[1] ** 2, rel=1e-6)
+    assert abs(result[1]) < 0.9
 
 
 @pytest.mark.usefixtures("variant")
@@ -117,26 +116,35 @@ def test_surfaces_are_heard_through_what_takes_less_than_60_db_out_and_back(name
 
 def test_metal_is_opaque_and_air_is_not_there():
     metal = crossed([far_pane("metal")], [(20.0, 0.0, 0.0)])
-    assert abs(metal.factor[0]) < 1e-12
+    assert abs(metal[0]) < 1e-12
     air = crossed([far_pane("air")], [(20.0, 1.0, 3.0)])
-    assert air.count[0] == 1
-    assert air.factor[0] == pytest.approx(1.0, abs=1e-9)
+    assert air[0] == pytest.approx(1.0, abs=1e-9)
 
 
 @pytest.mark.usefixtures("variant")
 def test_a_box_is_two_panes_and_one_diagonal_is_not_crossed_twice():
     """The ray along x meets the diagonal that the two triangles of each side share."""
-    result = crossed([box("case", (5.0, -2.0, -2.0), (5.006, 2.0, 2.0), "glass")], [(9.0, 0.0, 0.0), (90.0, 0.3, 0.2)])
-    np.testing.assert_array_equal(result.count, [2, 2])
+    points = [(9.0, 0.0, 0.0), (90.0, 0.3, 0.2)]
+    result = crossed([box("case", (5.0, -2.0, -2.0), (5.006, 2.0, 2.0), "glass")], points)
+    square = ((0.0, 2.0, 0.0), (0.0, 0.0, 2.0), "glass")
+    one = crossed([plate("pane", (5.0, 0.0, 0.0), *square)], points)
+    np.testing.assert_allclose(result, one**2, rtol=1e-6)
 
 
 @pytest.mark.usefixtures("variant")
-def test_what_lies_behind_too_many_panes_is_given_up_and_counted():
+def test_panes_close_together_far_away_are_crossed_once_each():
+    """The ray caster's error at 23 m is a fortieth of the gaps."""
+    sides, points = ((0.0, 2.0, 0.0), (0.0, 0.0, 2.0), "glass"), [(30.0, 0.1, 0.2)]
+    panes = [plate(f"pane-{n}", (23.0 + 0.02 * n, 0.0, 0.0), *sides) for n in range(4)]
+    np.testing.assert_allclose(crossed(panes, points), crossed(panes[:1], points) ** 4, rtol=1e-5)
+
+
+@pytest.mark.usefixtures("variant")
+def test_what_lies_behind_too_many_panes_is_given_up():
     panes = [far_pane("air", f"pane-{index}", 3.0 + index) for index in range(5)]
     result = crossed(panes, [(20.0, 0.0, 0.0), (4.5, 0.0, 0.0)], maximum_crossings=4)
-    assert result.given_up == 1
-    assert result.factor[0] == 0.0
-    np.testing.assert_array_equal(result.count, [4, 2])
+    assert result[0] == 0.0
+    assert result[1] == pytest.approx(1.0, abs=1e-9)
 
 
 @pytest.mark.usefixtures("variant")

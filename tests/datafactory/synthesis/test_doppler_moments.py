@@ -15,12 +15,10 @@ from datafactory.synthesis.doppler_moments import (
     DELTA_STEP,
     SHIFT_TERMS,
     Frame,
-    Seen,
     add_doppler_moments,
 )
-from datafactory.synthesis.mid_frame import MidFrame
+from datafactory.synthesis.mid_frame import DOPPLER_REACH, LEVELS, NEGLECTED, ROW_REACH, MidFrame, seen_paths
 from datafactory.synthesis.truth import doppler_table
-from datafactory.synthesis.visibility import DOPPLER_REACH, LEVELS, NEGLECTED, ROW_REACH, seen_paths
 from shared.radar import Radar
 from shared.radar.waveform import Waveform
 
@@ -56,6 +54,13 @@ def paths(count: int, nearest_m: float):
         generator.uniform(-1, 1, count),
         amplitude,
     )
+
+
+def seen(drawn) -> MidFrame:
+    """Drawn paths; what the kernel does not read of them is 0."""
+    point, velocity, tx_length, tx_rate, curvature, amplitude = drawn
+    none = np.zeros(len(amplitude))
+    return MidFrame(point, velocity, tx_length, tx_rate, curvature, none, none, amplitude, none)
 
 
 def reference(table, terms, needed, lead, drawn) -> np.ndarray:
@@ -96,7 +101,7 @@ def test_moments_are_those_of_the_equations(most, lead, nearest_m):
     needed = np.random.default_rng(4).random(CELLS) < 0.8
     grid = np.zeros((CELLS, most * SHIFT_TERMS * 2 * BLOCK), dtype=np.float32)
     frame = Frame(FREQUENCY, CHIRPS, FRAME_S, REFERENCE_HZ, BANDWIDTH_HZ, lead, KAPPA)
-    add_doppler_moments(Seen(terms, *drawn), (elements(), CENTRE), frame, needed, table, BINOMIAL, grid)
+    add_doppler_moments(seen(drawn), terms, (elements(), CENTRE), frame, needed, table, BINOMIAL, grid)
     made = grid.reshape(CELLS, most, SHIFT_TERMS, 2, BLOCK)
     expected = reference(table, terms, needed, lead, drawn)
     assert np.abs(made[..., 0, :] + 1j * made[..., 1, :] - expected).max() < ROUNDING * np.abs(expected).max()
@@ -109,7 +114,7 @@ def test_paths_outside_the_table_and_the_cells_add_nothing():
     grid = np.zeros((CELLS, 2 * SHIFT_TERMS * 2 * BLOCK), dtype=np.float32)
     for frequency, needed in ((FREQUENCY + 64.0, np.ones(CELLS, bool)), (FREQUENCY, np.zeros(CELLS, bool))):
         frame = Frame(frequency, CHIRPS, FRAME_S, REFERENCE_HZ, BANDWIDTH_HZ, 0.0, KAPPA)
-        add_doppler_moments(Seen(np.full(20, 2), *drawn), (elements(), CENTRE), frame, needed, table, BINOMIAL, grid)
+        add_doppler_moments(seen(drawn), np.full(20, 2), (elements(), CENTRE), frame, needed, table, BINOMIAL, grid)
     assert not grid.any()
 
 

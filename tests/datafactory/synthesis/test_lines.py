@@ -10,7 +10,7 @@ from path_tables import radar_of, random_table
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths, cube_of_sorted
-from datafactory.synthesis.motion import centre, left_out, motion_of, reach_m
+from datafactory.synthesis.motion import Recording, centre, left_out, motion_of, reach_m
 from datafactory.synthesis.sorting import ORDERS, PathsAlongLines, SortedPaths, line_sets, sorted_paths
 from shared.radar import Radar
 from shared.radar.arrays import virtual_sensor_256
@@ -22,7 +22,7 @@ def moving(count: int, speed: float, limits_m: tuple[float, float], seed: int = 
 
 
 def along_lines(paths: PathTable, radar: Radar, tolerance: float, intra_chirp: bool = False) -> int:
-    return sorted_paths(paths, radar, tolerance, radar.array, intra_chirp).counts()["paths_along_lines"]
+    return sorted_paths(paths, Recording(radar, tolerance, intra_chirp)).counts()["paths_along_lines"]
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
@@ -68,7 +68,7 @@ def test_virtual_sensor_keeps_its_tolerance(tolerance):
     paths = moving(4, 5.0, (3.0, 30.0), seed=3)
     sensor = virtual_sensor_256(radar.waveform.carrier_hz)
     cube = cube_of_paths(paths, radar, tolerance, array=sensor)
-    assert sorted_paths(paths, radar, tolerance, sensor, intra_chirp=False).counts()["paths_along_lines"] > 0
+    assert along_lines(paths, radar.model_copy(update={"array": sensor}), tolerance) > 0
     assert relative_error(cube, if_cube(paths, radar, sensor)) <= tolerance
 
 
@@ -115,14 +115,14 @@ def errors_and_bounds(
     centres = centre(radar.array.tx), centre(radar.array.rx)
     reaches = reach_m(radar.array.tx), reach_m(radar.array.rx)
     paths = one_path(distance, velocity)
-    motion = motion_of(paths.scattered, *centres, start, radar, intra_chirp)
-    out = left_out(paths.scattered, motion, reaches, centres, start, radar, intra_chirp)
-    weights = next(weights for limit, weights in line_sets(radar, tolerance) if out.extra[0] <= limit)
+    recording = Recording(radar, tolerance, intra_chirp)
+    out = left_out(motion_of(paths.scattered, centres, start, recording), reaches, recording)
+    weights = next(weights for limit, weights in line_sets(recording) if out.extra[0] <= limit)
     exact, nothing = cube_of_paths(paths, radar, 1e-9, intra_chirp=intra_chirp), PathTable(ScatteredPaths.none())
     found = []
     for orders in range(1, ORDERS + 1):
         alone = SortedPaths(nothing, (PathsAlongLines(weights, orders, paths, close),), nothing)
-        found.append(relative_error(cube_of_sorted(alone, radar, tolerance, radar.array, 1, intra_chirp), exact))
+        found.append(relative_error(cube_of_sorted(alone, recording, 1), exact))
     return found, (out.close if close else out.far)[:, 0]
 
 
@@ -149,7 +149,7 @@ def test_few_of_a_street_at_speed_go_by_chirps():
     points = place[:, None] * np.stack([np.sqrt(1.0 - u**2), u, np.zeros(400)], axis=1)
     paths = PathTable(ScatteredPaths.of_points(points, np.tile([-10.0, 0.0, 0.0], (400, 1)), np.ones(400)))
     radar = radar_of(samples=32, chirps=128, array=Radar().array)
-    sorted_ = sorted_paths(paths, radar, 1e-6, radar.array, intra_chirp=False)
+    sorted_ = sorted_paths(paths, Recording(radar, 1e-6, intra_chirp=False))
     assert sorted_.counts()["paths_by_chirps"] < 40
     assert {group.orders for group in sorted_.lines} == {1, 2, 3}
     some = PathTable(paths.scattered.take(np.arange(40)))
@@ -165,7 +165,7 @@ def test_paths_of_every_need_are_counted_once():
             np.ones(3),
         )
     )
-    counts = sorted_paths(paths, radar, 1e-4, radar.array, intra_chirp=False).counts()
+    counts = sorted_paths(paths, Recording(radar, 1e-4, intra_chirp=False)).counts()
     assert counts == {"paths_standing": 1, "paths_along_lines": 1, "paths_by_chirps": 1}
     assert relative_error(cube_of_paths(paths, radar, 1e-4), if_cube(paths, radar)) <= 1e-4
 

@@ -22,6 +22,7 @@ from datafactory.paths.table import PathTable
 from datafactory.scenes.boxes import SeenThing
 from datafactory.scenes.motion import triple
 from datafactory.synthesis.cube import ON_CPU, Kernels
+from datafactory.synthesis.motion import Recording
 from datafactory.synthesis.sorting import sorted_paths
 from shared.dataset import Box, Frame, Target
 from shared.physics.units import amplitude_to_db
@@ -133,9 +134,9 @@ def measure(
     """
     intra_chirp = processing.intra_chirp_motion
     paths = at("motion", _as_it_moves, paths, radar, processing)
-    tolerance, array = processing.tolerance, radar.array
-    by_kernel = at("sorting", sorted_paths, paths, radar, tolerance, array, intra_chirp)
-    cube = at("cube", kernels.cube, by_kernel, radar, tolerance, array, 1, intra_chirp)
+    recording = Recording(radar, processing.tolerance, intra_chirp)
+    by_kernel = at("sorting", sorted_paths, paths, recording)
+    cube = at("cube", kernels.cube, by_kernel, recording, 1)
     noise = generator(identity.seed, "noise") if processing.noise else None
     recorded, saturated = at("receiver", received, cube.astype(np.complex64, copy=False), radar, noise)
     noise_power = cell_noise_power(radar) if processing.noise else 0.0

@@ -22,12 +22,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.paths.rays import UNIFORM_IN_U, RayFan
 from datafactory.paths.thinning import RANGE_CELL_M, U_CELL
 from datafactory.paths.view import View, Waves
-from shared.physics.vectors import dots, lengths
+from shared.physics.vectors import Real, dots, lengths
 
 STRIPS, RAYS_A_STRIP = 256, 64
 """Strips of equal shares of the beam; at the horizon 256 of them are 9e-4 wide, 1.4 m of ground at 30 m."""
@@ -49,7 +48,7 @@ def aimed(fan: RayFan, view: View) -> RayFan:
     return replace(fan, strips=tuple(strips / strips.mean()))
 
 
-def _asked(fan: RayFan, view: View) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _asked(fan: RayFan, view: View) -> tuple[Real, Real]:
     """What the rays of a look ask for, and where they arrive.
 
     :return: [STRIPS, RAYS_A_STRIP] factors on the fan's density, and ranges [m], infinite where nothing is met
@@ -70,7 +69,7 @@ def _asked(fan: RayFan, view: View) -> tuple[NDArray[np.float64], NDArray[np.flo
     return asked.reshape(STRIPS, RAYS_A_STRIP), range_m.reshape(STRIPS, RAYS_A_STRIP)
 
 
-def _within_reach(asked: NDArray[np.float64], range_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _within_reach(asked: Real, range_m: Real) -> Real:
     """[STRIPS] the factors asked for within the largest range for which they do not take more rays than there are."""
     ranges = np.unique(range_m[np.isfinite(range_m)])
     granted = np.full(len(asked), UNAIMED)

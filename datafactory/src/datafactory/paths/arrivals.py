@@ -18,28 +18,23 @@ what else is simulated changes none of its paths.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from datafactory.paths.columns import Columns
-from datafactory.paths.geometry import ray_margin_m
-from datafactory.paths.panes import polarization_axis
+from datafactory.paths.columns import WHOLE, Columns
+from datafactory.paths.panes import NEAREST_M, polarization_axis
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import share_at
-from datafactory.paths.solver import Bundle, TraceSettings
+from datafactory.paths.slabs import reflected_fields, reflectivity
+from datafactory.paths.solver import Bundle
 from datafactory.paths.table import DIFFUSE, SPECULAR
 from datafactory.paths.thinning import cell_of, thinned
-from datafactory.paths.view import Complex, Hits, Index, Real, View, Waves
-from datafactory.paths.wave_steps import reflected_fields, reflectivity
+from datafactory.paths.view import Hits, View, Waves
 from shared.physics.compiled import compiled
-from shared.physics.vectors import dots, lengths, taken
+from shared.physics.vectors import Complex, Index, Real, dots, lengths, taken
 
-CLOSEST_M = 0.01
-"""Nearer surfaces do not scatter: the antennas' own size matters there. Single mirrors have the same bound."""
 THINNING, DIRECTIONS = 1, 2
 """What a frame's random numbers are drawn for, beside the kinds of bounce of a group."""
 MISSED_POLARIZATION = 1e-9
@@ -47,8 +42,8 @@ MISSED_POLARIZATION = 1e-9
 
 
 @dataclass(frozen=True)
-class Arrivals:
-    """n waves where they meet surfaces.
+class Arrivals(Columns):
+    """n waves where they meet surfaces. Of those that are taken each stands for as much as before.
 
     :param waves: as they arrive; :param hits: where
     :param te, tm: [n] R of the surfaces
@@ -58,15 +53,15 @@ class Arrivals:
     :param rays: N, as many as fill the fan
     """
 
-    view: View
+    view: View = field(metadata=WHOLE)
     waves: Waves
     hits: Hits
     te: Complex
     tm: Complex
     ratio: Real
     ray: Index
-    kinds: tuple[int, ...]
-    rays: float
+    kinds: tuple[int, ...] = field(metadata=WHOLE)
+    rays: float = field(metadata=WHOLE)
 
     @staticmethod
     def first(view: View, fan: RayFan) -> Arrivals:
@@ -75,28 +70,14 @@ class Arrivals:
         field = polarization_axis(direction, view.settings.polarization[0]).astype(np.complex128)
         index, hits = view.hit_by(departing := Waves.departing(direction, field))
         return Arrivals(
-            view, departing.arrived(index, hits), hits, *view.reflection(hits),
+            view, departing.arrived(index, hits), hits, *view.slabs.reflection(hits.mesh, hits.cosine),
             fan.solid_angle_ratio(direction[index]), index, (), fan.count,
-        )  # fmt: skip
-
-    @property
-    def settings(self) -> TraceSettings:
-        """Of the frame."""
-        return self.view.settings
-
-    def take(self, index: Index) -> Arrivals:
-        """Those at these indices, which rise; each stands for as much as before."""
-        if len(index) == len(self.ray):
-            return self
-        return replace(
-            self, waves=self.waves.take(index), hits=self.hits.take(index), te=self.te[index], tm=self.tm[index],
-            ratio=self.ratio[index], ray=self.ray[index],
         )  # fmt: skip
 
     def share(self, each: int) -> tuple[Arrivals, Arrivals]:
         """Every ``each``-th ray of the fan, and the others; what is found from both is what is found from all."""
         chosen = self.ray % each == 0
-        return self.take(np.flatnonzero(chosen)), self.take(np.flatnonzero(~chosen))
+        return self.take(chosen), self.take(~chosen)
 
     def onward(self, direction: Real, field: Complex, kind: int) -> Arrivals:
         """Where those waves arrive next that leave in ``direction`` [n, 3], unit, with ``field`` [n, 3], not zero."""
@@ -106,7 +87,7 @@ class Arrivals:
         turned = dots(self.view.velocity(hits.triangle, hits.point), waves.direction - direction)
         departing = Waves(
             hits.point,
-            clear_of(hits, 1.0),
+            hits.clear(1.0),
             direction,
             field,
             waves.length,
@@ -115,7 +96,7 @@ class Arrivals:
             np.concatenate([waves.triangles, hits.triangle[:, None]], axis=1),
         )
         index, met = self.view.hit_by(departing)
-        te, tm = self.view.reflection(met)
+        te, tm = self.view.slabs.reflection(met.mesh, met.cosine)
         kinds = (*self.kinds, kind)
         return replace(
             self, waves=departing.arrived(index, met), hits=met, te=te, tm=tm, ratio=ratio[index], ray=ray[index],
@@ -131,12 +112,12 @@ class Arrivals:
     def echoes(self) -> Echoes:
         """What the surfaces scatter back to the RX, where it sees them."""
         hits, waves = self.hits, self.waves
-        seen = np.flatnonzero(lengths(hits.point) >= CLOSEST_M)
+        seen = np.flatnonzero(lengths(hits.point) >= NEAREST_M)
         if self.kinds:
             seen = seen[dots(taken(hits.normal, seen), taken(hits.point, seen)) < 0.0]
             seen = seen[self.view.sight(taken(hits.point, seen), np.zeros(3))]
         # Home again, theta^ is where it was when the wave came, and phi^ is reversed: the RX looks against the wave.
-        sign = 1.0 if self.settings.polarization[1] == "V" else -1.0
+        sign = 1.0 if self.view.settings.polarization[1] == "V" else -1.0
         kept = sign * reflectivity(waves.direction, hits.normal, waves.field, self.te, self.tm)
         return self.heard(seen, waves.field, kept, 0)
 
@@ -148,7 +129,7 @@ class Arrivals:
         :param kept: [n] the factor that scattering has on it besides S and f: |Gamma|, with its sign
         """
         waves, hits, view = self.waves, self.hits, self.view
-        axis = polarization_axis(waves.direction, self.settings.polarization[1])
+        axis = polarization_axis(waves.direction, self.view.settings.polarization[1])
         arriving = _Arriving(
             waves.direction, waves.length, waves.rate, hits.point, hits.normal, hits.mesh,
             view.velocity(hits.triangle, hits.point), field, axis, kept, self.ratio,
@@ -159,7 +140,7 @@ class Arrivals:
 
 
 @dataclass(frozen=True)
-class Echoes:
+class Echoes(Columns):
     """n echoes of one group that the RX hears.
 
     :param arrivals: where they are scattered last
@@ -172,39 +153,17 @@ class Echoes:
     amplitude: Complex
     power: Real
     cell: Index
-    kinds: tuple[int, ...]
-    crossings: int
+    kinds: tuple[int, ...] = field(metadata=WHOLE)
+    crossings: int = field(metadata=WHOLE)
 
-    @staticmethod
-    def joined(parts: Sequence[Echoes]) -> Echoes:
-        """The echoes of one group that were found from shares of a frame's rays, by ray."""
-        of = [part.arrivals for part in parts]
-        order = np.argsort(np.concatenate([arrivals.ray for arrivals in of]), kind="stable")
-
-        def every(values: Iterable[NDArray]) -> NDArray:
-            return np.concatenate(list(values))[order]
-
-        arrivals = replace(
-            of[0],
-            waves=Columns.take(Waves.joined([one.waves for one in of]), order),
-            hits=Columns.take(Hits.joined([one.hits for one in of]), order),
-            te=every(one.te for one in of),
-            tm=every(one.tm for one in of),
-            ratio=every(one.ratio for one in of),
-            ray=every(one.ray for one in of),
-        )
-        return replace(
-            parts[0],
-            arrivals=arrivals,
-            amplitude=every(part.amplitude for part in parts),
-            power=every(part.power for part in parts),
-            cell=every(part.cell for part in parts),
-        )
+    def by_ray(self) -> Echoes:
+        """The echoes of one group that were found from shares of a frame's rays, in the order of all rays."""
+        return self.take(np.argsort(self.arrivals.ray, kind="stable"))
 
     def thinned(self, seed: int) -> Bundle:
         """Those that stay in their cells, as paths; the group's random numbers are its own."""
         random = np.random.default_rng([seed, THINNING, self.crossings, *self.kinds])
-        most = self.arrivals.settings.most_in_a_cell
+        most = self.arrivals.view.settings.most_in_a_cell
         if self.kinds[0] == SPECULAR:  # each enters the table with its reverse
             most = (most + 1) // 2
         index, factor = thinned(self.cell, self.power, most, random)
@@ -221,11 +180,6 @@ class Echoes:
             crossings=np.full(len(index), self.crossings, dtype=np.int64),
             amplitude=self.amplitude[index] * np.sqrt(factor),
         )
-
-
-def clear_of(hits: Hits, side: float) -> Real:
-    """[n, 3] the points off their surfaces by the ray caster's error: 1 on the side of arrival, -1 behind."""
-    return hits.point + side * ray_margin_m(lengths(hits.point))[:, None] * hits.normal
 
 
 class _Arriving(NamedTuple):

@@ -18,10 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from datafactory.paths.merged_scene import MergedMesh, MergedScene, found_once
-from datafactory.paths.unfold import unit
-
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Index, Mask, Real, unit
 
 WELD_M = 1e-4
 """Vertices nearer than this are one [m]."""
@@ -51,7 +48,7 @@ class Body:
     doubles: Index
     pairs: Index
     faces: Index
-    rim: NDArray[np.bool_]
+    rim: Mask
     non_manifold: int
     collapsed: int
     found: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
@@ -74,6 +71,14 @@ def bodies_of(merged_scene: MergedScene) -> tuple[Body, ...]:
         stays = known is not None and merged_scene.meshes[each[0]].turned is None
         bodies.append(known[number] if known is not None and stays else _body(merged_scene.meshes, each))
     return tuple(bodies) or (_body((), []),)
+
+
+def components(count: int, links: Index) -> Index:
+    """[count] number of the connected component of each item; links [L, 2]."""
+    if not count:
+        return np.zeros(0, dtype=np.int64)
+    graph = coo_array((np.ones(len(links)), (links[:, 0], links[:, 1])), shape=(count, count))
+    return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
 def fold_angles(body: Body) -> Real:
@@ -102,9 +107,8 @@ def _body(meshes: Sequence[MergedMesh], members: list[int]) -> Body:
     every = np.concatenate([np.zeros((0, 3)), *(mesh.vertices for mesh in chosen)])
     distinct, first = np.unique(every, axis=0, return_inverse=True)
     near = cKDTree(distinct).query_pairs(WELD_M, output_type="ndarray") if len(distinct) else np.zeros((0, 2), int)
-    ties = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(distinct),) * 2)
-    count, point = connected_components(ties, directed=False) if len(distinct) else (0, np.zeros(0, dtype=int))
-    vertices = np.zeros((count, 3))
+    point = components(len(distinct), near)
+    vertices = np.zeros((int(point.max(initial=-1)) + 1, 3))
     vertices[point[::-1]] = distinct[::-1]  # each point lies where its first vertex does
     triangles = np.concatenate(
         [np.zeros((0, 3), int), *(m.triangles + s for m, s in zip(chosen, starts, strict=False))]
@@ -140,7 +144,7 @@ def _body(meshes: Sequence[MergedMesh], members: list[int]) -> Body:
     )
 
 
-def _shared_edges(triangles: Index) -> tuple[Index, Index, NDArray[np.bool_], int]:
+def _shared_edges(triangles: Index) -> tuple[Index, Index, Mask, int]:
     """Edges of one or two triangles: vertices [E, 2], triangles [E, 2] (twice the same on a rim), rims [E].
 
     Last, the number of edges that more than two triangles share; none of those is used.

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.columns import Columns
+from shared.physics.vectors import Real
 
 EDGE, CORNER, TARGET_SEEN, TARGET_MIRRORED, PANE, TWICE, MIRRORED, CHAIN = range(8)
 """What a candidate may become: an edge's echo, a right-angled corner's, a target's own or round an edge, a target's
@@ -46,10 +47,10 @@ class Candidates(Columns):
     @staticmethod
     def of(
         family: int,
-        arrival: NDArray[np.float64],
-        power: NDArray[np.float64],
-        range_m: NDArray[np.float64] | None = None,
-        departure: NDArray[np.float64] | None = None,
+        arrival: Real,
+        power: Real,
+        range_m: Real | None = None,
+        departure: Real | None = None,
     ) -> Candidates:
         """Of one family; seen where they stand, by TX and RX alike, unless said otherwise."""
         place = np.asarray(arrival, dtype=np.float32).reshape(-1, 3)

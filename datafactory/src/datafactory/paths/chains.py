@@ -20,17 +20,14 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.paths.candidates import CHAIN, Candidates
 from datafactory.paths.corner_edges import CornerEdges, corners_of
-from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.merged_scene import MergedScene, barycentric
 from datafactory.paths.solver import Bundle
 from datafactory.paths.table import DIFFUSE
 from datafactory.paths.view import View
-
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Index, Real
 
 LARGER = 2.0
 """How much larger than it is, about its centre, a triangle counts in each direction."""
@@ -69,19 +66,9 @@ def _closed(corner: Real, normal: Real, height: Real) -> tuple[Real, Real]:
         slope = np.einsum("ni,ni->n", n, along)
         share = (height[:, step] - np.einsum("ni,ni->n", n, place)) / np.where(slope == 0.0, np.inf, slope)
         place = place + share[:, None] * along
-        closes &= (share > 0.0) & (share < 1.0) & _within(corner[:, step], place)
+        closes &= (share > 0.0) & (share < 1.0)
+        closes &= barycentric(corner[:, step], place).min(axis=1) >= (1.0 - LARGER) / 3.0
     return images[-1][closes], place[closes]
-
-
-def _within(corner: Real, place: Real) -> NDArray[np.bool_]:
-    """[n] whether points [n, 3] in the planes of triangles [n, 3, 3] lie within these, enlarged by ``LARGER``."""
-    one, other, here = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0], place - corner[:, 0]
-    a, b, c = (np.einsum("ni,ni->n", x, y) for x, y in ((one, one), (one, other), (other, other)))
-    d, e = np.einsum("ni,ni->n", one, here), np.einsum("ni,ni->n", other, here)
-    area = np.maximum(a * c - b * b, np.finfo(float).tiny)
-    second, third = (c * d - b * e) / area, (a * e - b * d) / area
-    shares: Real = np.stack([1.0 - second - third, second, third])
-    return shares.min(axis=0) >= (1.0 - LARGER) / 3.0
 
 
 def without_corners(bundle: Bundle, merged_scene: MergedScene) -> tuple[Bundle, int]:

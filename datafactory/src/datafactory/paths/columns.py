@@ -8,11 +8,10 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from datafactory.scenes.poses import Pose
-from shared.physics.vectors import taken
-
-Real = NDArray[np.float64]
+from shared.physics.vectors import Index, Real, taken
 
 WHOLE = {"kind": "whole"}
 """Metadata of a field that is about all things."""
@@ -33,12 +32,14 @@ class Columns:
             if index.all():
                 return self
             index = np.flatnonzero(index)
+        elif len(index) == len(self) and np.array_equal(index, np.arange(len(index))):
+            return self
         return replace(self, **{name: _rows(getattr(self, name), index) for name in _names(type(self))})
 
     @classmethod
     def joined(cls, parts: Sequence[Self], **whole: Any) -> Self:
         """The things of several, one after another; what is about all is that of the first, or as said here."""
-        rows = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _names(cls)}
+        rows = {name: _one_after_another([getattr(part, name) for part in parts]) for name in _names(cls)}
         return replace(parts[0], **rows, **whole)
 
 
@@ -65,6 +66,30 @@ class Placed(Columns):
         return replace(self, **turned, shift=np.zeros_like(self.shift))
 
 
+def apart(points: Real, distance: Real | float) -> Index:
+    """Indices of points [n, d] that are not within ``distance``, [n] or one for all, of an earlier one."""
+    if len(points) < 2:
+        return np.arange(len(points))
+    radius = np.broadcast_to(distance, len(points))
+    pairs = cKDTree(points).query_pairs(float(radius.max()), output_type="ndarray")
+    one, other = np.sort(pairs, axis=1).T
+    close = np.linalg.norm(points[one] - points[other], axis=1) <= np.maximum(radius[one], radius[other])
+    return np.setdiff1d(np.arange(len(points)), other[close])
+
+
+def place_in_run(value: Index) -> Index:
+    """[n] how many equal values stand before each of values [n], equal ones of which stand side by side."""
+    begins = np.concatenate([[True], value[1:] != value[:-1]])[: len(value)]
+    return np.arange(len(value)) - np.flatnonzero(begins)[np.cumsum(begins) - 1]
+
+
+def pairs_in_runs(value: Index) -> tuple[Index, Index]:
+    """Every one with every one, itself among them, of equal values, which rise: numbers of the first and the second."""
+    first = np.searchsorted(value, value, side="left")
+    one = np.repeat(np.arange(len(value)), np.searchsorted(value, value, side="right") - first)
+    return one, first[one] + place_in_run(one)
+
+
 def counts_of(parts: Sequence[dict[str, int]]) -> dict[str, int]:
     """Counts of several, added up by name."""
     return {name: sum(part.get(name, 0) for part in parts) for name in {name: None for part in parts for name in part}}
@@ -73,6 +98,10 @@ def counts_of(parts: Sequence[dict[str, int]]) -> dict[str, int]:
 def _names(kind: Any) -> tuple[str, ...]:
     """The fields that have a row for each thing."""
     return tuple(item.name for item in fields(kind) if item.metadata != WHOLE)
+
+
+def _one_after_another(parts: Sequence[Any]) -> Any:
+    return np.concatenate(parts) if isinstance(parts[0], np.ndarray) else type(parts[0]).joined(parts)
 
 
 def _rows(values: Any, index: NDArray) -> Any:

@@ -6,29 +6,24 @@ where both legs to a point of either face are free; the aperture of either order
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fresnel
 
 from datafactory.paths.columns import Columns
 from datafactory.paths.corner_edges import CornerEdges
-from datafactory.paths.diffraction import Sight
+from datafactory.paths.diffraction import GRAZING
 from datafactory.paths.geometry import ray_margin_m
 from shared.physics.compiled import compiled
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Complex, Index, Mask, Real
 
 SPREAD_M = 0.15
 """Difference in path length at which an end of the aperture has faded to 1/e [m]: half a range cell of the default
 radar."""
 FADED = 3.0
 """Times ``SPREAD_M``, beyond which an end is left out: exp(-9)."""
-GRAZING = 1e-6
-"""Angles from a face [rad] below which the sensor counts as within it."""
 CELLS = (8, 48)
 """Cells along a strip: where the aperture has a constant width, and where it has not."""
 BEAM_ZONES = 2.0
@@ -188,7 +183,7 @@ def _like(value: Real, points: Real) -> Real:
     return value if points.ndim == 1 else value[:, None]
 
 
-def integrals(cells: Cells, views: Views, wavelength_m: float, seen: NDArray[np.bool_]) -> Complex:
+def integrals(cells: Cells, views: Views, wavelength_m: float, seen: Mask) -> Complex:
     """[2, C] F of both orders.
 
     :param seen: [2, K, ACROSS] whether a piece of the aperture is in sight
@@ -207,7 +202,7 @@ def _pieces_across(one: FaceOrder, wavelength_m: float) -> Complex:
     return np.diff(one.share_to(ends, wavelength_m), axis=1)
 
 
-def without_hidden(cells: Cells, seen: NDArray[np.bool_]) -> tuple[Cells, NDArray[np.bool_]]:
+def without_hidden(cells: Cells, seen: Mask) -> tuple[Cells, Mask]:
     some = np.flatnonzero(seen.any(axis=(0, 2)))
     return cells.take(some), seen[:, some]
 
@@ -230,8 +225,8 @@ def widths_across(cells: Cells, views: Views, wavelength_m: float, count: int) -
 
 
 def pieces_in_sight(
-    corners: CornerEdges, cells: Cells, views: Views, wavelength_m: float, sight: Sight
-) -> NDArray[np.bool_]:
+    corners: CornerEdges, cells: Cells, views: Views, wavelength_m: float, sight: Callable[[Real, Real], Mask]
+) -> Mask:
     """[2, K, ACROSS] whether both legs to the pieces of the aperture are free."""
     seen = np.ones((2, len(cells.corner) * ACROSS), dtype=bool)
     for order in (0, 1):

@@ -41,7 +41,8 @@ wavelengths or more. Left out: diffraction at the far end of the first face, and
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +51,6 @@ from scipy.special import fresnel
 from datafactory.paths.candidates import CORNER as CORNER_ECHO
 from datafactory.paths.candidates import Candidates
 from datafactory.paths.corner_aperture import (
-    GRAZING,
     Cells,
     Views,
     cells_along,
@@ -63,17 +63,13 @@ from datafactory.paths.corner_aperture import (
     without_hidden,
 )
 from datafactory.paths.corner_edges import CornerEdges
-from datafactory.paths.diffraction import NEAREST_M, Sight, along_array
+from datafactory.paths.diffraction import GRAZING, NEAREST_M, Heard, along_array
 from datafactory.paths.mirrors import AHEAD_M
-from datafactory.paths.panes import Polarization, polarization_axis
-from datafactory.paths.slabs import Slabs
+from datafactory.paths.panes import polarization_axis
 from datafactory.paths.table import CORNER, ScatteredPaths, SpecularPaths
-from datafactory.paths.unfold import unit
+from datafactory.paths.view import View
 from shared.physics.units import db_to_power
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Complex, Index, Mask, Real, unit
 
 FAINTEST_DBSM = -45.0
 """Echoes of smaller cross sections are left out."""
@@ -84,60 +80,60 @@ SHORT = 1.0
 
 
 class CornerEchoes:
-    """Echoes of corners to the radar, at the origin: two paths a corner, one for each order of its faces.
+    """Echoes of corners to the radar, at the origin: two paths a corner, one for each order of its faces."""
 
-    :param corners: in the radar frame, ``corners_of(merged_scene).seen_from(pose)``
-    :param polarization: of TX and RX
-    """
-
-    def __init__(
-        self,
-        corners: CornerEdges,
-        slabs: Slabs,
-        polarization: tuple[Polarization, Polarization] = ("V", "V"),
-    ) -> None:
-        self._slabs, self._polarization = slabs, polarization
-        facing, self._views, self._nearest, self._section = _facing(corners, slabs.wavelength_m)
-        self._corners = corners.take(facing)
+    def __init__(self, view: View) -> None:
+        self._view = view
+        facing, self._views, self._nearest, self._section = _facing(view.corner_edges, view.wavelength_m)
+        self._corners = view.corner_edges.take(facing)
 
     @property
     def candidates(self) -> Candidates:
         """Of every corner that the radar looks into: its apertures are cut into pieces for those that are followed."""
-        power = self._slabs.wavelength_m**2 * self._section / (64.0 * np.pi**3 * self._views.height**4)
+        power = self._view.wavelength_m**2 * self._section / (64.0 * np.pi**3 * self._views.height**4)
         return Candidates.of(CORNER_ECHO, self._nearest, power)
 
-    def seen(
-        self, sight: Sight, worth: NDArray[np.bool_] | None = None
-    ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
+    def seen(self, worth: Mask) -> Heard:
         """Small corners and wide ones, with the delay law that suits either, and counts.
 
         Most corners of a scene are hidden: the integrals are of those in sight.
-
-        :param worth: which of the candidates are followed; None for all
         """
-        wavelength = self._slabs.wavelength_m
-        corners, views = self._corners, self._views
-        number = np.arange(len(corners), dtype=np.int32)
-        if worth is not None:
-            corners, views, number = corners.take(worth), views.take(worth), number[worth]
+        wavelength, number = self._view.wavelength_m, np.flatnonzero(worth).astype(np.int32)
+        corners, views = self._corners.take(number), self._views.take(number)
         cells = cells_along(corners, views, wavelength)
-        seen = pieces_in_sight(corners, cells, views, wavelength, sight)
-        in_sight = np.zeros(len(corners), dtype=bool)
-        np.logical_or.at(in_sight, cells.corner, seen.any(axis=(0, 2)))
-        hidden = len(corners) - int(in_sight.sum())
-        number, seen = number[in_sight], seen[:, in_sight[cells.corner]]
-        corners, views, cells = _kept(in_sight, corners, views, cells)
-        possible = np.abs(integrals(cells, views, wavelength, np.ones_like(seen))).sum(axis=0)
-        heard = np.pi * views.height**2 * possible**2 > float(db_to_power(FAINTEST_DBSM))
-        faint = len(corners) - int(heard.sum())
-        number, seen = number[heard], seen[:, heard[cells.corner]]
-        corners, views, cells = _kept(heard, corners, views, cells)
-        cells, seen = without_hidden(cells, seen)
-        scattered, specular = _paths(
-            corners, views, integrals(cells, views, wavelength, seen), ends_along(cells, len(corners)),
-            widths_across(cells, views, wavelength, len(corners)), self._slabs, self._polarization, number,
-        )  # fmt: skip
-        return scattered, specular, {"corners_faint": faint, "corners_hidden": hidden}
+        every = _Apertures(
+            number, corners, views, cells, pieces_in_sight(corners, cells, views, wavelength, self._view.sight)
+        )
+        in_sight = np.zeros(len(number), dtype=bool)
+        np.logical_or.at(in_sight, cells.corner, every.pieces.any(axis=(0, 2)))
+        some = every.take(in_sight)
+        possible = np.abs(integrals(some.cells, some.views, wavelength, np.ones_like(some.pieces))).sum(axis=0)
+        heard = np.pi * some.views.height**2 * possible**2 > float(db_to_power(FAINTEST_DBSM))
+        counts = {"corners_faint": int((~heard).sum()), "corners_hidden": int((~in_sight).sum())}
+        return *_paths(self._view, some.take(heard)), counts
+
+
+@dataclass(frozen=True)
+class _Apertures:
+    """C corners with the pieces of their apertures.
+
+    :param number: [C] of the corners among the candidates
+    :param pieces: [2, K, ACROSS] whether a piece is in sight, of either order and of K cells
+    """
+
+    number: NDArray[np.int32]
+    corners: CornerEdges
+    views: Views
+    cells: Cells
+    pieces: Mask
+
+    def take(self, mask: Mask) -> _Apertures:
+        """Those of some corners."""
+        stay = mask[self.cells.corner]
+        cells = self.cells.take(stay)
+        cells = replace(cells, corner=(np.cumsum(mask) - 1)[cells.corner])
+        corners, views = self.corners.take(mask), self.views.take(mask)
+        return _Apertures(self.number[mask], corners, views, cells, self.pieces[:, stay])
 
 
 def _facing(corners: CornerEdges, wavelength_m: float) -> tuple[Index, Views, Real, Real]:
@@ -185,31 +181,13 @@ def _bound(corners: CornerEdges, views: Views, nearest: Real, wavelength_m: floa
     return np.pi * (h * across * along) ** 2
 
 
-def _kept(
-    mask: NDArray[np.bool_], corners: CornerEdges, views: Views, cells: Cells
-) -> tuple[CornerEdges, Views, Cells]:
-    """Corners, views and cells of those that stay."""
-    place = np.cumsum(mask) - 1
-    cells = cells.take(mask[cells.corner])
-    return corners.take(mask), views.take(mask), replace(cells, corner=place[cells.corner])
-
-
-def _paths(
-    corners: CornerEdges,
-    views: Views,
-    shares: Complex,
-    ends: tuple[Real, Real],
-    width: Real,
-    slabs: Slabs,
-    polarization: tuple[Polarization, Polarization],
-    number: NDArray[np.int32],
-) -> tuple[ScatteredPaths, SpecularPaths]:
-    """The paths of both orders in the delay law that suits each corner.
-
-    :param number: [C] of the corners among the candidates
-    """
-    wavelength = slabs.wavelength_m
-    low, high = ends
+def _paths(view: View, apertures: _Apertures) -> tuple[ScatteredPaths, SpecularPaths]:
+    """The paths of both orders in the delay law that suits each corner."""
+    wavelength, number, corners, views = view.wavelength_m, apertures.number, apertures.corners, apertures.views
+    cells, pieces = without_hidden(apertures.cells, apertures.pieces)
+    shares = integrals(cells, views, wavelength, pieces)
+    low, high = ends_along(cells, len(corners))
+    width = widths_across(cells, views, wavelength, len(corners))
     beside = (low >= 0.0) | (high <= 0.0)
     centre = np.where(beside | (high - low < 2.0 * WIDE), _phase_centre(low, high), 0.0)
     point = views.foot + place_of(centre, views.height, wavelength)[:, None] * corners.direction
@@ -219,24 +197,22 @@ def _paths(
     body = np.minimum(centre - low, high - centre) < SHORT
     slides = np.einsum("ci,ci->c", corners.velocity, corners.direction)[:, None] * corners.direction
     velocity = corners.velocity - np.where(body[:, None], 0.0, slides)
-    gamma = np.concatenate([_reflection(corners, order, unit(point), slabs, polarization) for order in (0, 1)])
-    turned = np.concatenate([_turn(corners, order) for order in (0, 1)])
-    both = np.tile(np.arange(len(corners)), 2)
+    both, images = np.tile(np.arange(len(corners)), 2), np.tile(image, 2)
+    gamma = np.concatenate([
+        over_faces(view, order, corners.face_mesh, corners.normal, unit(point)) for order in ((0, 1), (1, 0))
+    ])  # fmt: skip
+    axes = np.concatenate([_turn(corners, order) for order in (0, 1)])
     amplitude = np.conj(gamma) * (wavelength / (4.0 * np.pi * views.shortest))[both] * shares.reshape(-1)
-    wide, small = np.flatnonzero(image[both]), np.flatnonzero(~image[both])
-    owner, axes = both[wide], turned[wide]
+    owner = corners.object_index[both]
     specular = SpecularPaths.of(
-        _moved_by(axes, views.foot[owner]), _moved_by(axes, corners.velocity[owner]), axes, amplitude[wide],
-        corners.object_index[owner], CORNER, 2, number[owner],
+        _moved_by(axes, views.foot[both]), _moved_by(axes, corners.velocity[both]), axes, amplitude, owner, CORNER, 2,
+        number[both],
     )  # fmt: skip
     # The integral's phase counts from L*, the table's from the way to the point and back.
     rest = views.shortest - 2.0 * np.linalg.norm(point, axis=1)
     lag = np.exp(2j * np.pi * (rest / wavelength % 1.0))[both]
-    owner = both[small]
-    scattered = ScatteredPaths.of_points(
-        point[owner], velocity[owner], (amplitude * lag)[small], corners.object_index[owner], CORNER, 2, number[owner]
-    )
-    return scattered, specular
+    scattered = ScatteredPaths.of_points(point[both], velocity[both], amplitude * lag, owner, CORNER, 2, number[both])
+    return scattered.take(~images), specular.take(images)
 
 
 def _moved_by(turn: Real, vector: Real) -> Real:
@@ -263,17 +239,14 @@ def _turn(corners: CornerEdges, order: int) -> Real:
     return mirror[1] @ mirror[0]
 
 
-def _reflection(
-    corners: CornerEdges,
-    order: int,
-    direction: Real,
-    slabs: Slabs,
-    polarization: tuple[Polarization, Polarization],
-) -> Complex:
-    """[C] what both faces leave of a field of the TX's polarisation, as the RX hears it."""
-    sent, received = (polarization_axis(direction, which) for which in polarization)
-    field = sent.astype(np.complex128)
-    onward = direction
-    for face in (order, 1 - order):
-        onward, field = slabs.mirrored(corners.face_mesh[:, face], onward, corners.normal[:, face], field)
+def over_faces(view: View, order: Sequence[int], mesh: Index, normal: Real, direction: Real) -> Complex:
+    """[C] what faces, one after another, leave of a field of the TX's polarisation, as the RX hears it.
+
+    :param order: of the faces; :param mesh: [C, faces]; :param normal: [C, faces, 3] unit
+    :param direction: [C, 3] unit, in which the field leaves the radar
+    """
+    sent, received = (polarization_axis(direction, which) for which in view.settings.polarization)
+    onward, field = direction, sent.astype(np.complex128)
+    for face in order:
+        onward, field = view.slabs.mirrored(mesh[:, face], onward, normal[:, face], field)
     return np.einsum("ci,ci->c", field, received)

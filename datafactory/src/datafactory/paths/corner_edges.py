@@ -23,16 +23,14 @@ from numpy.typing import NDArray
 from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of
 from datafactory.paths.facets import mirrors_of
 from datafactory.paths.free_extent import flattened, strips
-from datafactory.paths.merged_scene import MergedScene, Part, found_once, motions_of
+from datafactory.paths.merged_scene import MergedScene, Part, found_once, motions_of, owners_of
 from datafactory.paths.planar_faces import TOUCH_M, PlanarFaces, planar_faces_of
-from datafactory.paths.unfold import unit
 from shared.physics.compiled import compiled
-
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Index, Mask, Real, unit
 
 LEAST_REACH_M = 0.005
-"""Faces that reach less far from the edge, over all of a corner, make none: they are narrower than a wavelength [m]."""
+"""Faces that reach less far from the edge, over all of a corner, or from a point, make none: they are narrower than a
+wavelength [m]."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +88,7 @@ class CornerEdges(Placed):
         nearest = np.clip(-np.einsum("ci,ci->c", self.origin, self.direction), low, high)
         return self.take(np.linalg.norm(self.origin + nearest[:, None] * self.direction, axis=1) < distance_m)
 
-    def joins(self, triangle: Index, other: Index) -> NDArray[np.bool_]:
+    def joins(self, triangle: Index, other: Index) -> Mask:
         """[n] whether two triangles [n] each belong to the two faces of one corner."""
         count = int(self.face_of_triangle.max(initial=-1)) + 1
         faces = np.sort(np.stack([self.face_of_triangle[triangle], self.face_of_triangle[other]], axis=1), axis=1)
@@ -154,9 +152,6 @@ def _found(merged_scene: MergedScene) -> CornerEdges:
     pieces, corner_of_strip, lead = pieces[stay], (np.cumsum(wide) - 1)[corner_of_strip[stay]], lead[wide]
     pair, into, origin = pair[lead], into[lead], origin[pair[lead]]
     normal = unit(into[:, ::-1] - np.einsum("ci,ci->c", into[:, 0], into[:, 1])[:, None, None] * into)
-    meshes = merged_scene.meshes
-    mesh_of_triangle = merged_scene.mesh_of_triangle
-    owner = np.concatenate([np.zeros(0, np.int32), *(mesh.object_of_triangle for mesh in meshes)])
     contact = faces.contact[pair]
     return CornerEdges(
         origin=origin,
@@ -164,8 +159,8 @@ def _found(merged_scene: MergedScene) -> CornerEdges:
         into=into,
         normal=normal,
         face=faces.pairs[pair],
-        face_mesh=mesh_of_triangle[contact].astype(np.int64),
-        object_index=owner[contact[:, 0]].astype(np.int32),
+        face_mesh=merged_scene.mesh_of_triangle[contact].astype(np.int64),
+        object_index=owners_of(merged_scene)[contact[:, 0]],
         velocity=np.zeros((len(lead), 3)),
         shift=np.zeros((len(lead), 3)),
         strips=pieces,
@@ -190,7 +185,7 @@ def _lines(faces: PlanarFaces, triangles: Real) -> tuple[Real, Real, Real]:
     return near + off, along, np.cross(normals, along[:, None])
 
 
-def _runs(pair: Index, sides: Real, pieces: Real, turned: NDArray[np.bool_]) -> tuple[Index, Index]:
+def _runs(pair: Index, sides: Real, pieces: Real, turned: Mask) -> tuple[Index, Index]:
     """Number of the corner of each strip [S], and the first strip of each corner: strips without gaps along the edge.
 
     Strips come pair by pair and quarter by quarter, in order along the line; ``turned`` ones in the reverse order.

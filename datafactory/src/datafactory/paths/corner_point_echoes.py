@@ -21,26 +21,20 @@ aperture is left out and counted. The sensor's own parallax over the aperture is
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.paths.candidates import CORNER as CORNER_ECHO
 from datafactory.paths.candidates import Candidates
-from datafactory.paths.corner_aperture import BEAM_ZONES, GRAZING, SPREAD_M
-from datafactory.paths.corner_echoes import FAINTEST_DBSM, WIDE
+from datafactory.paths.corner_aperture import BEAM_ZONES, SPREAD_M
+from datafactory.paths.corner_echoes import FAINTEST_DBSM, WIDE, over_faces
 from datafactory.paths.corner_points import CornerPoints
-from datafactory.paths.diffraction import NEAREST_M, Sight
+from datafactory.paths.diffraction import GRAZING, NEAREST_M, Heard
 from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.mirrors import AHEAD_M
-from datafactory.paths.panes import Polarization, polarization_axis
-from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import CORNER, ScatteredPaths, SpecularPaths
-from datafactory.paths.unfold import unit
+from datafactory.paths.view import View
 from shared.physics.compiled import compiled
 from shared.physics.units import db_to_power
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Index, Mask, Real, unit
 
 AROUND = 720
 """Directions around the apex over which the aperture is summed."""
@@ -51,20 +45,10 @@ OFF_CYCLES = 0.125
 
 
 class CornerPointEchoes:
-    """Echoes of trihedral corners to the radar, at the origin.
+    """Echoes of trihedral corners to the radar, at the origin."""
 
-    :param points: in the radar frame, ``points_of(merged_scene).seen_from(pose)``
-    :param polarization: of TX and RX
-    """
-
-    def __init__(
-        self,
-        points: CornerPoints,
-        slabs: Slabs,
-        polarization: tuple[Polarization, Polarization] = ("V", "V"),
-    ) -> None:
-        self._slabs, self._polarization = slabs, polarization
-        wavelength = slabs.wavelength_m
+    def __init__(self, view: View) -> None:
+        self._view, points, wavelength = view, view.corner_points, view.wavelength_m
         range_m = np.linalg.norm(points.apex, axis=1)
         home = -unit(points.apex)
         facing = (np.einsum("qij,qj->qi", points.axes, home) > GRAZING).all(axis=1)
@@ -90,44 +74,27 @@ class CornerPointEchoes:
         """Of every corner: what it would send back if all directions of its aperture were in phase."""
         return Candidates.of(CORNER_ECHO, self._points.apex, (self._scale * np.abs(self._local).mean(axis=1)) ** 2)
 
-    def seen(
-        self, sight: Sight, worth: NDArray[np.bool_] | None = None
-    ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
-        """Small corners and wide ones, with the delay law that suits either, and counts.
-
-        :param worth: which of the candidates are followed; None for all
-        """
-        number = np.arange(len(self._points), dtype=np.int32)
-        number = number if worth is None else number[worth]
-        points, face, local, wide = (
-            self._points.take(number),
-            self._face[number],
-            self._local[number],
-            self._wide[number],
-        )
+    def seen(self, worth: Mask) -> Heard:
+        """Small corners and wide ones, with the delay law that suits either, and counts."""
+        number = np.flatnonzero(worth).astype(np.int32)
+        points, face, local = self._points.take(number), self._face[number], self._local[number]
         opposite = np.roll(np.arange(AROUND), AROUND // 2)
-        seen = _in_sight(points, face, self._rim[number], self._slabs.wavelength_m, sight)
+        seen = _in_sight(points, face, self._rim[number], self._view)
         local = np.where(seen & seen[:, opposite], local, 0.0)
         amplitude = np.zeros(len(points), dtype=np.complex128)
         for first in range(3):
             for last in {0, 1, 2} - {first}:
                 here = (face == first) & (face[:, opposite] == last)
                 order = (first, 3 - first - last, last)
-                gamma = _reflection(points, order, self._slabs, self._polarization)
+                gamma = over_faces(self._view, order, points.face_mesh, points.axes, unit(points.apex))
                 amplitude += np.conj(gamma) * np.where(here, local, 0.0).sum(axis=1) / AROUND
         amplitude *= self._scale[number]
-        visible = amplitude != 0.0
-        small, large = np.flatnonzero(visible & ~wide), np.flatnonzero(visible & wide)
-        scattered = ScatteredPaths.of_points(
-            points.apex[small], points.velocity[small], amplitude[small], points.object_index[small], CORNER, 3,
-            number[small],
-        )  # fmt: skip
-        specular = SpecularPaths.of(
-            2.0 * points.apex[large], 2.0 * points.velocity[large], np.tile(-np.eye(3), (len(large), 1, 1)),
-            amplitude[large], points.object_index[large], CORNER, 3, number[large],
-        )  # fmt: skip
+        visible, wide, owner = amplitude != 0.0, self._wide[number], points.object_index
+        small = ScatteredPaths.of_points(points.apex, points.velocity, amplitude, owner, CORNER, 3, number)
+        turned = np.tile(-np.eye(3), (len(points), 1, 1))
+        large = SpecularPaths.of(2.0 * points.apex, 2.0 * points.velocity, turned, amplitude, owner, CORNER, 3, number)
         counts = {"corner_points_off_square": self._off_square, "corner_points_hidden": int((~visible).sum())}
-        return scattered, specular, counts
+        return small.take(visible & ~wide), large.take(visible & wide), counts
 
 
 def _outline(points: CornerPoints, home: Real) -> tuple[Index, Real, Real, Real]:
@@ -185,31 +152,16 @@ def _around(apex, axes, reach, home, start, aside, cosine, sine):
     return face, rim, width, longer
 
 
-def _in_sight(points: CornerPoints, face: Index, rim: Real, wavelength_m: float, sight: Sight) -> NDArray[np.bool_]:
+def _in_sight(points: CornerPoints, face: Index, rim: Real, view: View) -> Mask:
     """[Q, M] whether the faces are in sight in these directions: half-way to the rim, or within the first zones."""
     step = AROUND // LOOKS
     looks = np.arange(LOOKS) * step + step // 2
     off = rim[:, looks] - points.apex[:, None]
     length = np.maximum(np.linalg.norm(off, axis=2), 1e-12)
-    zone = np.sqrt(0.5 * wavelength_m * np.linalg.norm(points.apex, axis=1))[:, None]
+    zone = np.sqrt(0.5 * view.wavelength_m * np.linalg.norm(points.apex, axis=1))[:, None]
     place = points.apex[:, None] + (0.5 * np.minimum(length, BEAM_ZONES * zone) / length)[..., None] * off
     normal = points.axes[np.arange(len(points))[:, None], face[:, looks]]
     place = place + ray_margin_m(np.linalg.norm(place, axis=2))[..., None] * normal
     flat = place.reshape(-1, 3)
-    seen = sight(np.zeros_like(flat), flat).reshape(len(points), LOOKS)
+    seen = view.sight(np.zeros_like(flat), flat).reshape(len(points), LOOKS)
     return np.repeat(seen, step, axis=1)
-
-
-def _reflection(
-    points: CornerPoints,
-    order: tuple[int, int, int],
-    slabs: Slabs,
-    polarization: tuple[Polarization, Polarization],
-) -> Complex:
-    """[Q] what three faces leave of a field of the TX's polarisation, as the RX hears it."""
-    direction = unit(points.apex)
-    sent, received = (polarization_axis(direction, which) for which in polarization)
-    field = sent.astype(np.complex128)
-    for face in order:
-        direction, field = slabs.mirrored(points.face_mesh[:, face], direction, points.axes[:, face], field)
-    return np.einsum("qi,qi->q", field, received)

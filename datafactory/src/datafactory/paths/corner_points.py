@@ -16,20 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of
+from datafactory.paths.corner_edges import LEAST_REACH_M
 from datafactory.paths.facets import mirrors_of
 from datafactory.paths.free_extent import flattened, reach_around
-from datafactory.paths.merged_scene import MergedScene, Part, found_once, motions_of
+from datafactory.paths.merged_scene import MergedScene, Part, found_once, motions_of, owners_of
 from datafactory.paths.planar_faces import PlanarFaces, planar_faces_of
-from datafactory.paths.unfold import unit
 from shared.physics.compiled import compiled
-
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Index, Real, unit
 
 DIRECTIONS = 45
 """In which the reach of a face is sampled over a right angle: every two degrees."""
-LEAST_REACH_M = 0.005
-"""Faces that reach less far make no corner: they are narrower than a wavelength [m]."""
 FARTHEST_M = 50.0
 """Triangles that begin farther from the point are not looked at [m]."""
 
@@ -87,9 +83,6 @@ def _found(merged_scene: MergedScene) -> CornerPoints:
         [[contact[a, b][0], contact[b, c][0], contact[a, c][1]] for a, b, c in triples[number].tolist()],
         dtype=np.int64,
     ).reshape(-1, 3)
-    meshes = merged_scene.meshes
-    mesh_of_triangle = merged_scene.mesh_of_triangle
-    owner = np.concatenate([np.zeros(0, np.int32), *(mesh.object_of_triangle for mesh in meshes)])
     axes = signs[:, :, None] * edges[number]
     between = np.abs(np.einsum("qij,qij->qi", axes, np.roll(axes, 1, axis=1))).max(axis=1, initial=0.0)
     return CornerPoints(
@@ -97,8 +90,8 @@ def _found(merged_scene: MergedScene) -> CornerPoints:
         axes=axes,
         reach=reach,
         off_square=np.arcsin(np.minimum(between, 1.0)),
-        face_mesh=mesh_of_triangle[triangle].astype(np.int64).reshape(-1, 3),
-        object_index=owner[triangle[:, 0]].astype(np.int32),
+        face_mesh=merged_scene.mesh_of_triangle[triangle].astype(np.int64).reshape(-1, 3),
+        object_index=owners_of(merged_scene)[triangle[:, 0]],
         velocity=np.zeros((len(number), 3)),
         shift=np.zeros((len(number), 3)),
         counts={"corner_points": len(number)},

@@ -54,17 +54,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.paths.columns import Columns
+from datafactory.paths.columns import Columns, apart
 from datafactory.paths.curved_surfaces import CurvedSurfaces, curved_surfaces_of, turned_to
 from datafactory.paths.facets import share_within_rims
 from datafactory.paths.geometry import ray_margin_m
-from datafactory.paths.mirrors import AHEAD_M, CLOSEST_M, MirrorEchoes, plane_amplitude, way_and_back
+from datafactory.paths.mirrors import AHEAD_M, MirrorEchoes, plane_amplitude, way_and_back
+from datafactory.paths.panes import NEAREST_M
 from datafactory.paths.table import ScatteredPaths, SpecularPaths
-from datafactory.paths.unfold import apart, unit
 from datafactory.paths.view import View
-
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Complex, Index, Mask, Real, unit
 
 INSIDE = 1e-6
 """Barycentric coordinates may fall below zero by this: triangles share their sides, and a foot there is one."""
@@ -78,7 +76,6 @@ exactly through edges of a mesh, as in symmetric scenes, slip through it."""
 FLATTEST = 1e-9
 """Determinant of the search's equations over that of a plane, below which all points of a triangle are feet: it lies
 around its focus."""
-Complex = NDArray[np.complex128]
 TX_OFFSET_M, RX_OFFSET_M = 0.05, 0.25
 """Distances from the origin of the default radar's TX, and of the outermost RX of the truth's sensor [m]."""
 ALONG_AXIS = 1e-6
@@ -110,18 +107,14 @@ class CurvedFeet(Columns):
         return np.linalg.norm(self.foot, axis=1)
 
 
-def curved_feet(surfaces: CurvedSurfaces, moved: Real, rotation: Real, ahead_m: float) -> tuple[CurvedFeet, int]:
-    """All feet that lie ahead, and the number of triangles left out because they lie around their own focus.
-
-    :param moved: [C, 3] what brings each triangle from its place at time 0 to the radar's origin, world [m]
-    :param rotation: [3, 3] of the radar in the world
-    :param ahead_m: feet of smaller x [m] are behind
-    """
+def curved_feet(surfaces: CurvedSurfaces, view: View) -> tuple[CurvedFeet, int]:
+    """All feet that lie ahead, and the number of triangles left out because they lie around their own focus."""
+    moved, rotation = view.moved[view.merged.mesh_of_triangle[surfaces.triangle]], view.rotation
     corners, normals = (surfaces.corners + moved[:, None]) @ rotation, surfaces.normals @ rotation
     weight, focused = _barycentric_feet(corners, normals)
     size = np.sqrt(np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1))
     point, mean = (np.einsum("ci,cij->cj", weight, part) for part in (corners, normals))
-    kept = np.flatnonzero((weight >= -INSIDE).all(axis=1) & (point[:, 0] >= ahead_m))
+    kept = np.flatnonzero((weight >= -INSIDE).all(axis=1) & (point[:, 0] >= -AHEAD_M))
     kept = kept[apart(point[kept], SAME_FOOT * size[kept])]
     weight, point, corners, at_corners = weight[kept], point[kept], corners[kept], normals[kept]
     length = np.linalg.norm(mean[kept], axis=1)
@@ -205,22 +198,16 @@ def focus_factors(feet: CurvedFeet, wavelength_m: float) -> Real:
     return np.where(feet.curvature < 0.0, np.where(factor < 0.0, -1.0, 1.0) * np.maximum(np.abs(factor), least), factor)
 
 
-def curved_shares(
-    surfaces: CurvedSurfaces, feet: CurvedFeet, moved: Real, rotation: Real, wavelength_m: float, finite: bool
-) -> Complex:
-    """[n] G F: the amplitude over that of an infinite plane at the same distance.
-
-    :param moved: [n, 3] what brings each foot's triangle from its place at time 0 to the radar's origin, world [m]
-    :param rotation: [3, 3] of the radar in the world
-    :param finite: whether a surface that ends near the foot gives less (F)
-    """
+def curved_shares(surfaces: CurvedSurfaces, feet: CurvedFeet, view: View) -> Complex:
+    """[n] G F: the amplitude over that of an infinite plane at the same distance."""
+    wavelength_m, rotation = view.wavelength_m, view.rotation
     factor = focus_factors(feet, wavelength_m)
     divergence = np.prod(np.abs(factor), axis=1) ** -0.5 * (-1.0j) ** (factor < 0.0).sum(axis=1)
-    if not finite:
+    if not view.settings.finite_mirrors:
         return divergence
     range_m = feet.range_m()
     scale = np.sqrt(2.0 * np.abs(factor) / (range_m[:, None] * wavelength_m))
-    share = np.ones(len(feet), dtype=np.complex128)
+    moved, share = view.moved[view.merged.mesh_of_triangle[feet.triangle]], np.ones(len(feet), dtype=np.complex128)
     normals = surfaces.rim_normals @ rotation
     for index in range(len(feet)):
         here = surfaces.rim_surface == feet.surface[index]
@@ -236,22 +223,18 @@ def curved_shares(
     return divergence * np.where((factor < 0.0).all(axis=1), np.conj(share), share)
 
 
-def curved_paths(
-    feet: CurvedFeet, velocity: Real, amplitude: Complex, owner: NDArray[np.int32], kinds: NDArray[np.uint8],
-    wavelength_m: float,
-) -> tuple[ScatteredPaths, SpecularPaths]:  # fmt: skip
-    """The echoes with the delay law that suits each.
-
-    :param velocity: [n, 3] of the surfaces relative to the radar, in its frame [m/s]
-    """
-    range_m = feet.range_m()
+def _paths(
+    feet: CurvedFeet, amplitude: Complex, kinds: NDArray[np.uint8], view: View
+) -> tuple[ScatteredPaths, SpecularPaths]:
+    """The echoes with the delay law that suits each."""
+    range_m, velocity = feet.range_m(), view.velocity(feet.triangle, feet.foot)
     sight = feet.foot / range_m[:, None]
-    bend = feet.curvature / focus_factors(feet, wavelength_m)
+    bend = feet.curvature / focus_factors(feet, view.wavelength_m)
     rate = np.einsum("ni,ni->n", sight, velocity)
     turning = np.einsum("nj,nj,nji->ni", bend, np.einsum("nji,ni->nj", feet.axes, velocity), feet.axes)
     k = _along_array(sight, bend, feet.axes)
     laws = _law_of_points(range_m, k)
-    echoes = MirrorEchoes(sight, range_m, rate, turning, amplitude, owner, kinds)
+    echoes = MirrorEchoes(sight, range_m, rate, turning, amplitude, view.owner[feet.triangle], kinds)
     return _scattered(echoes.take(laws), k[laws]), echoes.take(~laws).images()
 
 
@@ -264,7 +247,7 @@ def _along_array(sight: Real, bend: Real, axes: Real) -> Real:
     return np.where(known, np.einsum("nj,nj->n", bend, part) / np.where(known, square, 1.0), 0.5 * bend.sum(axis=1))
 
 
-def _law_of_points(range_m: Real, k: Real) -> NDArray[np.bool_]:
+def _law_of_points(range_m: Real, k: Real) -> Mask:
     """[n] whether the law of scattered paths has the smaller error; that of specular ones holds for every k."""
     positive = np.where(k > 0.0, k, 1.0)
     sum_m = 2.0 * range_m / (1.0 + range_m * positive)
@@ -303,18 +286,13 @@ def curved_mirrors(view: View) -> tuple[ScatteredPaths, SpecularPaths, dict[str,
     counts = {"facets_too_coarse": surfaces.coarse} if surfaces.coarse else dict[str, int]()
     if not len(surfaces) or settings.polarization[0] != settings.polarization[1]:
         return ScatteredPaths.none(), SpecularPaths.none(), counts
-    mesh_of_triangle = view.merged.mesh_of_triangle
-    moved = view.moved[mesh_of_triangle[surfaces.triangle]]
-    every, focused = curved_feet(surfaces, moved, view.rotation, -AHEAD_M)
-    every = every.take(every.range_m() >= CLOSEST_M)
+    every, focused = curved_feet(surfaces, view)
+    every = every.take(every.range_m() >= NEAREST_M)
     passed, kinds = way_and_back(view, every.seen_to)
     seen = np.flatnonzero(passed != 0.0)
     feet = every.take(seen)
-    mesh = mesh_of_triangle[feet.triangle]
-    shares = curved_shares(surfaces, feet, view.moved[mesh], view.rotation, view.wavelength_m, settings.finite_mirrors)
-    amplitude = plane_amplitude(view, mesh, feet.range_m()) * (shares * passed[seen])
-    velocity, owner = view.velocity(feet.triangle, feet.foot), view.owner[feet.triangle]
-    points, images = curved_paths(feet, velocity, amplitude, owner, kinds[seen], view.wavelength_m)
+    whole = plane_amplitude(view, view.merged.mesh_of_triangle[feet.triangle], feet.range_m())
+    points, images = _paths(feet, whole * (curved_shares(surfaces, feet, view) * passed[seen]), kinds[seen], view)
     counts |= {
         "curved_mirrors": len(feet),
         "curved_mirrors_hidden": len(every) - len(feet),

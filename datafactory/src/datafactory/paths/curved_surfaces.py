@@ -25,16 +25,12 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from datafactory.paths.bodies import Body, bodies_of
 from datafactory.paths.merged_scene import MergedScene, found_once
 from datafactory.paths.smooth import SMOOTH_FOLD_DEG, smooth_facets
-from datafactory.paths.unfold import unit
-
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Index, Mask, Real, unit
 
 MENDING_ROUNDS = 4
 """Of the normals at the ends of a surface; each takes off what the length of a corrected normal was wrong by."""
@@ -246,7 +242,7 @@ def turned_to(tensor: Real, before: Real, after: Real) -> Real:
     return rotation @ tensor @ np.swapaxes(rotation, 1, 2)
 
 
-def _rims(body: Body, goes_on: NDArray[np.bool_], chosen: Index, triangles: Index) -> tuple[Index, Index]:
+def _rims(body: Body, goes_on: Mask, chosen: Index, triangles: Index) -> tuple[Index, Index]:
     """Where surfaces end: first corner [B] of a side of a triangle, and that triangle [B] among ``triangles``."""
     corner, owner = np.tile(np.arange(3), len(triangles)), np.repeat(np.arange(len(triangles)), 3)
     ends = np.sort(np.stack([triangles[owner, corner], triangles[owner, (corner + 1) % 3]], axis=1), axis=1)

@@ -10,10 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable
-from shared.physics.vectors import lengths
+from shared.physics.vectors import Index, Real, lengths
 from shared.radar import Radar
 from shared.signal.windows import angle_window, point_spread
 
@@ -52,12 +51,10 @@ class CellMap:
     """
 
     shape: tuple[int, int]
-    cell: NDArray[np.int64]
-    power: NDArray[np.float64]
+    cell: Index
+    power: Real
 
-    def sums(
-        self, weight: NDArray[np.float64] | float = 1.0, index: NDArray[np.int64] | slice = slice(None)
-    ) -> NDArray[np.float64]:
+    def sums(self, weight: Real | float = 1.0, index: Index | slice = slice(None)) -> Real:
         """[R, U'] power [W] of the paths in every cell, summed without phase.
 
         That is the expectation of |sum A|^2 over random phases (Goodman, Speckle Phenomena in Optics, section 2.1), so
@@ -86,9 +83,7 @@ def cell_map(paths: PathTable, radar: Radar, truth_window: str) -> CellMap:
     return CellMap((radar.waveform.range_bins, columns), cell, np.where(inside, power, 0.0))
 
 
-def cell_numbers(
-    range_m: NDArray[np.float64], arrival: NDArray[np.float64], radar: Radar, truth_window: str
-) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+def cell_numbers(range_m: Real, arrival: Real, radar: Radar, truth_window: str) -> tuple[Index, Index, int]:
     """Range bin [K] and column in u [K] of echoes, and the number of columns: one range bin times the truth's -3 dB
     width.
 
@@ -104,8 +99,6 @@ def cell_numbers(
     return row, np.clip(((u + 1.0) / width).astype(np.int64), 0, columns - 1), columns
 
 
-def cell_power(
-    paths: PathTable, radar: Radar, truth_window: str, weight: NDArray[np.float64] | float = 1.0
-) -> NDArray[np.float64]:
+def cell_power(paths: PathTable, radar: Radar, truth_window: str, weight: Real | float = 1.0) -> Real:
     """[R, U'] power [W] of the paths in every resolution cell of the truth, see :meth:`CellMap.sums`."""
     return cell_map(paths, radar, truth_window).sums(weight)

@@ -30,28 +30,25 @@ of their materials; at a rim the sheet also transmits. Amplitudes are conjugates
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fresnel
 
 from datafactory.paths.candidates import EDGE, Candidates
 from datafactory.paths.columns import Columns
 from datafactory.paths.edges import WedgeEdges
 from datafactory.paths.facets import TAPER
-from datafactory.paths.panes import Polarization, polarization_axis
+from datafactory.paths.panes import polarization_axis
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import DIFFRACTED, ScatteredPaths, SpecularPaths
-from datafactory.paths.unfold import unit
+from datafactory.paths.view import View
 from shared.physics.compiled import compiled
+from shared.physics.vectors import Complex, Index, Mask, Real, unit
 from shared.physics.wedge import WedgeGeometry, diffraction_coefficient
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Sight = Callable[[Real, Real], NDArray[np.bool_]]
-"""Whether nothing stands between points [K, 3] and [K, 3] of the radar frame: ``partial(clear_between, scene)``."""
+Heard = tuple[ScatteredPaths, SpecularPaths, dict[str, int]]
+"""Echoes in sight, their candidates numbers in the list that they were found in, and counts."""
 
 LEAST_SHARE = 0.05
 """Rays with a smaller share of the edge are dropped (-26 dB)."""
@@ -79,14 +76,14 @@ class EdgeRays(Columns):
     :param at_end: [K] whether ``point`` is an end of the edge
     """
 
-    observer: NDArray[np.int64]
-    edge: NDArray[np.int64]
+    observer: Index
+    edge: Index
     point: Real
     inward: Real
     outward: Real
     geometry: WedgeGeometry
     share: Complex
-    at_end: NDArray[np.bool_]
+    at_end: Mask
 
 
 def rays_over_edges(edges: WedgeEdges, source: Real, observer: Real, wavelength_m: float) -> EdgeRays:
@@ -220,25 +217,14 @@ def field_over_edges(
 
 
 class EdgeEchoes:
-    """Echoes of edges to the radar, at the origin.
+    """Echoes of edges to the radar, at the origin."""
 
-    :param edges: in the radar frame, ``edges_of(merged_scene).seen_from(pose)``
-    :param polarization: of TX and RX
-    :param mirrors_end: as in :func:`field_over_edges`
-    """
-
-    def __init__(
-        self,
-        edges: WedgeEdges,
-        slabs: Slabs,
-        polarization: tuple[Polarization, Polarization] = ("V", "V"),
-        mirrors_end: bool = True,
-    ) -> None:
-        wavelength = slabs.wavelength_m
-        self.edges, self.rays = edges, rays_over_edges(edges, np.zeros(3), np.zeros(3), wavelength)
-
-        axes = [polarization_axis(self.rays.inward, which) for which in polarization]
-        field = field_over_edges(edges, self.rays, slabs, axes[0], axes[1], mirrors_end)
+    def __init__(self, view: View) -> None:
+        self._view, settings, wavelength = view, view.settings, view.wavelength_m
+        self.rays = rays_over_edges(view.edges, np.zeros(3), np.zeros(3), wavelength)
+        axes = [polarization_axis(self.rays.inward, which) for which in settings.polarization]
+        mirrors_end = settings.finite_mirrors and settings.specular
+        field = field_over_edges(view.edges, self.rays, view.slabs, axes[0], axes[1], mirrors_end)
         self.amplitude = np.conj(wavelength / (4.0 * np.pi) * field)
 
     @property
@@ -246,39 +232,28 @@ class EdgeEchoes:
         """Of every ray over an edge: what it sends back where it is in sight."""
         return Candidates.of(EDGE, self.rays.point, np.abs(self.amplitude) ** 2)
 
-    def seen(
-        self, sight: Sight, worth: NDArray[np.bool_] | None = None
-    ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
-        """Edges across the array axis and edges along it, with the delay law that suits either, and counts.
-
-        :param worth: which of the candidates are followed; None for all
-        """
-        edges, every = self.edges, np.arange(len(self.rays), dtype=np.int32)
-        chosen = every if worth is None else every[worth]
+    def seen(self, worth: Mask) -> Heard:
+        """Edges across the array axis and edges along it, with the delay law that suits either, and counts."""
+        edges, chosen = self._view.edges, np.flatnonzero(worth).astype(np.int32)
         tried = self.rays.take(chosen)
-        clear = sight(np.zeros((len(tried), 3)), _sight_points(edges, tried))
+        clear = self._view.sight(np.zeros((len(tried), 3)), _sight_points(edges, tried))
         rays, candidate = tried.take(clear), chosen[clear]
         amplitude = self.amplitude[candidate]
         velocity = diffracting_velocity(
             edges.velocity_at(rays.edge, rays.point), edges.direction[rays.edge], rays.at_end
         )
-        level = along_array(edges.direction[rays.edge], rays.inward)
-        across, along = np.flatnonzero(~level), np.flatnonzero(level)
-        owner = edges.object_index[rays.edge]
-        scattered = ScatteredPaths.of_points(
-            rays.point[across], velocity[across], amplitude[across], owner[across], DIFFRACTED,
-            candidate=candidate[across],
-        )  # fmt: skip
-        e = edges.direction[rays.edge[along]]
+        e, owner = edges.direction[rays.edge], edges.object_index[rays.edge]
+        points = ScatteredPaths.of_points(rays.point, velocity, amplitude, owner, DIFFRACTED, candidate=candidate)
         axes = 2.0 * e[:, :, None] * e[:, None, :] - np.eye(3)
-        specular = SpecularPaths.of(
-            2.0 * rays.point[along], 2.0 * velocity[along], axes, amplitude[along], owner[along], DIFFRACTED,
-            candidate=candidate[along],
-        )  # fmt: skip
-        return scattered, specular, {"edge_rays": len(tried), "edge_rays_hidden": len(tried) - len(rays)}
+        images = SpecularPaths.of(
+            2.0 * rays.point, 2.0 * velocity, axes, amplitude, owner, DIFFRACTED, candidate=candidate
+        )
+        level = along_array(e, rays.inward)
+        counts = {"edge_rays": len(tried), "edge_rays_hidden": len(tried) - len(rays)}
+        return points.take(~level), images.take(level), counts
 
 
-def along_array(direction: Real, sight: Real) -> NDArray[np.bool_]:
+def along_array(direction: Real, sight: Real) -> Mask:
     """[K] whether an edge [K, 3] lies rather along the array axis y than across it, as seen along ``sight`` [K, 3]."""
     return direction[:, 1] ** 2 > np.cross(direction, sight)[:, 1] ** 2
 
@@ -337,6 +312,6 @@ def _sight_points(edges: WedgeEdges, rays: EdgeRays) -> Real:
     return rays.point + BESIDE_M * (aside + np.where(both, 0.0, 2.0)[:, None] * rays.inward)
 
 
-def diffracting_velocity(velocity: Real, direction: Real, at_end: NDArray[np.bool_]) -> Real:
+def diffracting_velocity(velocity: Real, direction: Real, at_end: Mask) -> Real:
     """[K, 3] velocity of the point of diffraction: without the component along the edge, except at an end."""
     return velocity - np.where(at_end, 0.0, _dot(velocity, direction))[:, None] * direction

@@ -12,8 +12,7 @@ from datafactory.paths.columns import WHOLE, Columns
 from datafactory.scenes.scene import PointTarget
 from datafactory.scenes.targets.bodies import Motion
 from shared.physics.units import db_to_power
-
-Real = NDArray[np.float64]
+from shared.physics.vectors import Real
 
 
 @dataclass(frozen=True)

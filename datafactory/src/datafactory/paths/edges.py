@@ -17,18 +17,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from datafactory.paths.bodies import Body, bodies_of, into_faces
+from datafactory.paths.bodies import Body, bodies_of, components, into_faces
 from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of
 from datafactory.paths.merged_scene import MergedScene, found_once, motions_of
 from datafactory.paths.smooth import smooth_facets
-from datafactory.paths.unfold import unit
-
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Index, Mask, Real, unit
 
 FLATTEST_FOLD_DEG = 15.0
 """Smallest angle between the planes of two faces that makes an edge: a 30-sided column has none, a 16-sided one does.
@@ -96,9 +91,8 @@ def _with_turn(edges: WedgeEdges, merged_scene: MergedScene) -> WedgeEdges:
     """The edges with the velocities of those that turn: at the start, and their change along the edge."""
     if not merged_scene.turns or not len(edges):
         return edges
-    turned = np.array([mesh.turned is not None for mesh in merged_scene.meshes], dtype=bool)
     velocity, turn = edges.velocity.copy(), edges.turn.copy()
-    for index in np.flatnonzero(turned):
+    for index in np.flatnonzero(merged_scene.turned):
         mesh, here = merged_scene.meshes[index], np.flatnonzero(edges.face_mesh[:, 0] == index)
         if not len(here):
             continue
@@ -158,9 +152,8 @@ def _wedges(body: Body) -> WedgeEdges:
 
 def _merged_collinear(edges: WedgeEdges, pairs: Index) -> WedgeEdges:
     """Collinear pieces with a common vertex and the same faces joined; a chain keeps the values of its first piece."""
-    first, second = _neighbours(edges, pairs)
-    links = coo_array((np.ones(len(first)), (first, second)), shape=(len(edges),) * 2)
-    count, chain = connected_components(links, directed=False) if len(edges) else (0, np.zeros(0, dtype=int))
+    chain = components(len(edges), _neighbours(edges, pairs))
+    count = int(chain.max(initial=-1)) + 1
     lead = np.full(count, len(edges))
     np.minimum.at(lead, chain, np.arange(len(edges)))
     origin, direction = edges.start[lead][chain], edges.direction[lead][chain]
@@ -180,12 +173,12 @@ def _merged_collinear(edges: WedgeEdges, pairs: Index) -> WedgeEdges:
     return replace(edges, start=start, end=end).take(kept)
 
 
-def _neighbours(edges: WedgeEdges, pairs: Index) -> tuple[Index, Index]:
-    """Pairs of edges, as two index arrays, that continue each other through a common vertex."""
+def _neighbours(edges: WedgeEdges, pairs: Index) -> Index:
+    """[N, 2] pairs of edges that continue each other through a common vertex."""
     vertex, edge = pairs.reshape(-1), np.repeat(np.arange(len(pairs)), 2)
     order = np.argsort(vertex, kind="stable")
     vertex, edge = vertex[order], edge[order]
-    found: list[tuple[Index, Index]] = []
+    found = [np.zeros((0, 2), dtype=np.int64)]
     step = 1
     while step < len(vertex):
         here = np.flatnonzero(vertex[step:] == vertex[:-step])  # the step-th next edge around the same vertex
@@ -193,16 +186,15 @@ def _neighbours(edges: WedgeEdges, pairs: Index) -> tuple[Index, Index]:
             break
         a, b = edge[here], edge[here + step]
         same = _continue_each_other(edges, a, b)
-        found.append((a[same], b[same]))
+        found.append(np.stack([a[same], b[same]], axis=1))
         step += 1
-    none = np.zeros(0, dtype=np.int64)
-    return np.concatenate([none, *(a for a, _ in found)]), np.concatenate([none, *(b for _, b in found)])
+    return np.concatenate(found)
 
 
-def _continue_each_other(edges: WedgeEdges, a: Index, b: Index) -> NDArray[np.bool_]:
+def _continue_each_other(edges: WedgeEdges, a: Index, b: Index) -> Mask:
     """Whether edges continue each other with the same faces, of which either may be called the first."""
 
-    def near(one: Real, other: Real) -> NDArray[np.bool_]:
+    def near(one: Real, other: Real) -> Mask:
         return np.linalg.norm(one - other, axis=1) < SAME_PLANE
 
     faces = edges.face_mesh

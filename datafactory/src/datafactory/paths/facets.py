@@ -29,14 +29,11 @@ from functools import cached_property
 from hashlib import sha256
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import wofz
 
 from datafactory.paths.merged_scene import MergedMesh, MergedScene, found_once
 from shared.physics.compiled import compiled
-
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Complex, Index, Mask, Real
 
 TAPER = 16.0
 """Fresnel zones (rho^2) after which an edge's ripple has fallen to 1/e: there it is 4 % of the reflection."""
@@ -72,9 +69,9 @@ class Mirrors:
 
     corners: Real
     normals: Real
-    body: NDArray[np.int64]
+    body: Index
     known: Mirrors | None = None
-    turned: NDArray[np.bool_] | None = None
+    turned: Mask | None = None
     _edges: dict[int, Real] = field(default_factory=dict, compare=False, repr=False)
     _boundaries: dict[bytes, tuple[Real, Real]] = field(default_factory=dict, compare=False, repr=False)
 
@@ -147,9 +144,8 @@ def mirrors_of(merged_scene: MergedScene) -> Mirrors:
     known = mirrors_of(merged_scene.at_rest)
     if not merged_scene.turns:
         return known
-    turned = np.array([mesh.turned is not None for mesh in merged_scene.meshes], dtype=bool)
-    now = Mirrors.of(merged_scene.meshes)
-    return replace(now, known=known, turned=turned[merged_scene.mesh_of_triangle])
+    turned = merged_scene.turned[merged_scene.mesh_of_triangle]
+    return replace(Mirrors.of(merged_scene.meshes), known=known, turned=turned)
 
 
 def _without_shared(edges: Real) -> Real:
@@ -165,13 +161,13 @@ def _without_shared(edges: Real) -> Real:
 
 def reflected_share(
     mirrors: Mirrors,
-    triangle: NDArray[np.int64],
+    triangle: Index,
     point: Real,
     arrival: Real,
     before_m: Real,
     after_m: Real,
     wavelength_m: float,
-) -> NDArray[np.complex128]:
+) -> Complex:
     """[n] factor F on the amplitude of a reflection at a specular point.
 
     :param triangle: [n] that was hit, index into ``mirrors``

@@ -27,13 +27,12 @@ from datafactory.paths.backend import select_variant
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.scenes.poses import Pose
 from shared.physics.compiled import compiled
+from shared.physics.vectors import Index, Mask, Real
 
 KEPT = 4
 """Scenes that a process keeps: the frames of several are dealt in turn."""
 
 
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
 MARGIN_M, MARGIN_SHARE = 1e-4, 2e-5
 """Error of a ray's float32 distance [m], nearby and as a share of the distance."""
 
@@ -131,7 +130,7 @@ class RayHits:
     :param normal: [K, 3] unit, on either side; [0, 3] where it was not asked for
     """
 
-    valid: NDArray[np.bool_]
+    valid: Mask
     distance: Real
     shape: Index
     primitive: Index
@@ -160,7 +159,7 @@ def first_hits(mi_scene: Any, start: Real, direction: Real, reach: Real, normals
     )
 
 
-def clear_between(mi_scene: Any, start: Real, end: Real) -> NDArray[np.bool_]:
+def clear_between(mi_scene: Any, start: Real, end: Real) -> Mask:
     """[K] whether nothing stands on the straight lines from ``start`` to ``end``, [K, 3] each, in the scene's frame.
 
     Surfaces nearer to either end than the ray caster's own error do not count.

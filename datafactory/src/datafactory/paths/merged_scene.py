@@ -24,10 +24,9 @@ from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.motion import Moving, Track, Vector, drift, triple
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import ZERO, PointTarget, Scene, SceneObject
-from shared.physics.vectors import taken
+from shared.physics.vectors import Index, Mask, Real, taken
 
 Value = TypeVar("Value")
-Real = NDArray[np.float64]
 
 
 class Keeps(Protocol):
@@ -138,8 +137,8 @@ class Part:
     """
 
     scene: MergedScene
-    meshes: NDArray[np.int64]
-    triangles: NDArray[np.int64]
+    meshes: Index
+    triangles: Index
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,10 +175,15 @@ class MergedScene:
         targets = any(target.motion is not None or any(target.velocity) for target in self.targets)
         return targets or any(mesh.moves for mesh in self.meshes)
 
+    @cached_property
+    def turned(self) -> Mask:
+        """[M] whether a mesh has other vertices at another time, and not only another place."""
+        return np.array([mesh.turned is not None for mesh in self.meshes], dtype=bool)
+
     @property
     def turns(self) -> bool:
-        """Whether any mesh has other vertices at another time, and not only another place."""
-        return any(mesh.turned is not None for mesh in self.meshes)
+        """Whether any mesh does."""
+        return bool(self.turned.any())
 
     @property
     def shapes(self) -> MergedScene:
@@ -190,34 +194,46 @@ class MergedScene:
     def parts(self) -> tuple[Part, ...]:
         """What does not turn, as it is at time 0, the same object at all times; then what does, if anything, as it is
         now. No rigid body is in both."""
-        turned = np.array([mesh.turned is not None for mesh in self.meshes], dtype=bool)
-        still = self._part(~turned) if self.at_rest is None else self.at_rest.parts[0]
-        return (still, self._part(turned)) if turned.any() else (still,)
+        still = self._part(~self.turned) if self.at_rest is None else self.at_rest.parts[0]
+        return (still, self._part(self.turned)) if self.turns else (still,)
 
-    def _part(self, chosen: NDArray[np.bool_]) -> Part:
+    def _part(self, chosen: Mask) -> Part:
         meshes = np.flatnonzero(chosen)
         # What was found of the whole scene before is known of it as its only part too.
         scene = self if chosen.all() else MergedScene(tuple(self.meshes[mesh] for mesh in meshes), self.objects)
         return Part(scene, meshes, np.flatnonzero(chosen[self.mesh_of_triangle]))
 
     @cached_property
-    def mesh_of_triangle(self) -> NDArray[np.int64]:
+    def mesh_of_triangle(self) -> Index:
         """[T] index of the mesh of every triangle, all meshes' triangles one after another."""
         return np.repeat(np.arange(len(self.meshes)), [len(mesh.triangles) for mesh in self.meshes])
 
-    def carried(self, triangle: NDArray[np.int64], point: Real, mesh: NDArray[np.int64]) -> Carried:
+    @cached_property
+    def first(self) -> Index:
+        """[M + 1] where each mesh's triangles begin."""
+        return np.cumsum([0, *(len(mesh.triangles) for mesh in self.meshes)])
+
+    @cached_property
+    def shifts(self) -> Real:
+        """[M, 3] of the meshes [m]."""
+        return np.array([mesh.shift for mesh in self.meshes]).reshape(-1, 3)
+
+    @cached_property
+    def velocities(self) -> Real:
+        """[M, 3] of the meshes, in the world [m/s]."""
+        return np.array([mesh.velocity for mesh in self.meshes]).reshape(-1, 3)
+
+    def carried(self, triangle: Index, point: Real, mesh: Index) -> Carried:
         """Of points on meshes that turn: which they are, where they are at time 0, and their velocities.
 
         :param triangle: [n] all meshes' triangles one after another; :param mesh: [n] its mesh
         :param point: [n, 3] in its plane, world [m]
         """
-        turned = np.array([item.turned is not None for item in self.meshes], dtype=bool)
-        index = np.flatnonzero(turned[mesh])
+        index = np.flatnonzero(self.turned[mesh])
         found = Carried(index, point[index].copy(), np.zeros((len(index), 3)))
-        first = np.cumsum([0, *(len(item.triangles) for item in self.meshes)])
         for number in np.unique(mesh[index]):
             item, here = self.meshes[number], np.flatnonzero(mesh[index] == number)
-            corners = item.triangles[triangle[index[here]] - first[number]]
+            corners = item.triangles[triangle[index[here]] - self.first[number]]
             weights = barycentric(item.vertices[corners], point[index[here]])
             assert item.turned is not None
             found.at_rest[here] = np.einsum("nc,nci->ni", weights, item.turned.at_rest[corners])
@@ -233,7 +249,7 @@ class Carried:
     :param velocity: [k, 3] world [m/s]
     """
 
-    index: NDArray[np.int64]
+    index: Index
     at_rest: Real
     velocity: Real
 
@@ -263,12 +279,15 @@ def barycentric(corners: Real, point: Real) -> Real:
     return weights
 
 
-def motions_of(merged_scene: MergedScene, mesh: NDArray[np.int64]) -> tuple[Real, Real]:
+def motions_of(merged_scene: MergedScene, mesh: Index) -> tuple[Real, Real]:
     """Velocities [n, 3] [m/s] and shifts [n, 3] [m] of the meshes [n] of a merged scene."""
-    velocity, shift = (
-        np.array([getattr(item, name) for item in merged_scene.meshes]).reshape(-1, 3) for name in ("velocity", "shift")
-    )
-    return velocity[mesh], shift[mesh]
+    return merged_scene.velocities[mesh], merged_scene.shifts[mesh]
+
+
+def owners_of(merged_scene: MergedScene) -> NDArray[np.int32]:
+    """[T] index into ``MergedScene.objects`` of every triangle."""
+    every = [mesh.object_of_triangle for mesh in merged_scene.meshes]
+    return np.concatenate([np.zeros(0, np.int32), *every]).astype(np.int32)
 
 
 def merge_scene(scene: Scene, materials: MaterialMapping) -> MergedScene:
@@ -306,9 +325,7 @@ def _motion_of(item: SceneObject) -> tuple[Vector, Hashable]:
     return item.velocity, item.motion
 
 
-def velocities_on(
-    merged_scene: MergedScene, pose: Pose, of_mesh: Real, triangle: NDArray[np.int64], point: Real
-) -> Real:
+def velocities_on(merged_scene: MergedScene, pose: Pose, of_mesh: Real, triangle: Index, point: Real) -> Real:
     """[n, 3] velocities relative to the radar, in its frame, of points on triangles [m/s].
 
     :param of_mesh: [M, 3] those of the meshes that do not turn, in the same frame

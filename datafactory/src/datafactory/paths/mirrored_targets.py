@@ -23,20 +23,18 @@ mirror turns into the other polarisation, where the radar receives across its ow
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.columns import pairs_in_runs, place_in_run
 from datafactory.paths.echo_points import EchoPoints, Seen, seen_from
 from datafactory.paths.mirrors import AXES, Ways, ways_over_mirrors
+from datafactory.paths.rows import mirrored_velocity
 from datafactory.paths.table import SPECULAR, TARGET, ScatteredPaths
-from datafactory.paths.unfold import mirrored_velocity, unit
 from datafactory.paths.view import View
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from shared.physics.vectors import Complex, Index, Mask, lengths, unit
 
 WEAKEST = 1e-3
 """Ways whose field is weaker than this share of free space's are left out: -60 dB one way."""
@@ -45,7 +43,7 @@ MIRRORS_PER_POINT = 4
 WIDEST_COSINE = 0.0
 """Least cosine between the directions of way out and way back, seen from the target: 90 deg."""
 DIRECT = -1
-"""Stands for the direct way where a mirror's triangle or a way's number is asked for."""
+"""Stands for the direct way where a mirror's triangle is asked for."""
 
 
 @dataclass(frozen=True)
@@ -64,162 +62,97 @@ class DirectWays:
     kinds: NDArray[np.uint8]
 
 
-def echoes_over_mirrors(
-    view: View, direct: DirectWays, wanted: NDArray[np.bool_] | None = None
-) -> tuple[ScatteredPaths, dict[str, int]]:
+def echoes_over_mirrors(view: View, direct: DirectWays, wanted: Mask) -> tuple[ScatteredPaths, dict[str, int]]:
     """The echoes of point targets that take a mirror out, back, or both ways.
 
-    :param wanted: [K] which echo points are followed; None for all
+    :param wanted: [K] which echo points are followed
     :return: the paths, their candidates numbers of the echo points; the numbers of ways over mirrors, of weaker ways
         left out, and of pairs of ways too far apart
     """
     position = (direct.points.position - np.asarray(view.pose.position)) @ view.rotation
-    chosen = np.arange(len(position)) if wanted is None else np.flatnonzero(wanted)
+    chosen = np.flatnonzero(wanted)
     every = ways_over_mirrors(view, position[chosen])
     every = replace(every, point=chosen[every.point])
-    ways = _strongest(every)
-    views = _Views(view, direct.circumstances, ways)
-    trips = [
-        trip
-        for number in np.unique(ways.point)
-        for trip in _round_trips(int(number), np.flatnonzero(ways.point == number), direct, ways, views)
-    ]
-    apart = [trip for trip in trips if trip is None]
-    heard = [trip for trip in trips if trip is not None and trip.amplitude != 0.0]
+    mirrors = _strongest(every)
+    ways = Ways.joined([_direct(direct, mirrors, view), mirrors])
+    ways = ways.take(np.argsort(ways.point, kind="stable"))
+    one, other = pairs_in_runs(ways.point)
+    mirrored = (ways.triangle[one] != DIRECT) | (ways.triangle[other] != DIRECT)
+    one, other = one[mirrored], other[mirrored]
+    seen, kept = _seen_along(view, direct, ways, one, other)
+    out, back = ways.take(one[kept]), ways.take(other[kept])
     counts = {
-        "target_mirrors": len(ways),
-        "target_mirrors_left_out": len(every) - len(ways),
-        "target_mirrors_too_wide": len(apart),
+        "target_mirrors": len(mirrors),
+        "target_mirrors_left_out": len(every) - len(mirrors),
+        "target_mirrors_too_wide": int((~kept).sum()),
     }
-    first = len(view.merged.objects) - len(view.merged.targets)
-    return _as_paths(heard, first), counts
-
-
-@dataclass(frozen=True)
-class _End:
-    """A target's point along a way: [3] position [m], [3] velocity [m/s]; its image's where the way has a mirror."""
-
-    position: Real
-    velocity: Real
-
-
-@dataclass(frozen=True)
-class _Trip:
-    """One path of one echo point."""
-
-    out: _End
-    back: _End
-    amplitude: complex
-    depth: int
-    target: int
-    kinds: int
-    point: int
+    tx, rx = (AXES.index(which) for which in view.settings.polarization)
+    field = np.einsum("ki,ki->k", out.sent, back.received) if tx == rx else out.sent[:, tx] * back.received[:, rx]
+    there, here = out.image(seen.position), back.image(seen.position)
+    level = view.wavelength_m * np.sqrt(seen.rcs_m2) / (4.0 * np.pi) ** 1.5 / (lengths(there) * lengths(here))
+    straight = (out.triangle == DIRECT) | (back.triangle == DIRECT)
+    paths = ScatteredPaths(
+        tx_point=there,
+        rx_point=here,
+        tx_velocity=mirrored_velocity(seen.velocity, out.normal, out.velocity),
+        rx_velocity=mirrored_velocity(seen.velocity, back.normal, back.velocity),
+        between_m=np.zeros(len(field)),
+        between_rate_mps=np.zeros(len(field)),
+        amplitude=level * field,
+        depth=np.where(straight, 2, 3).astype(np.int8),
+        object_index=(len(view.merged.objects) - len(view.merged.targets) + seen.target).astype(np.int32),
+        kinds=(SPECULAR | np.where(straight, direct.kinds[out.point], TARGET)).astype(np.uint8),
+        candidate=out.point.astype(np.int32),
+    )
+    return paths.take(paths.amplitude != 0.0), counts
 
 
 def _strongest(ways: Ways) -> Ways:
     """The strongest ways to each point, in their order."""
     level = np.sqrt(np.abs(ways.sent).max(axis=1, initial=0.0) * np.abs(ways.received).max(axis=1, initial=0.0))
-    kept = [np.zeros(0, dtype=np.int64)]
-    for number in np.unique(ways.point):
-        own = np.flatnonzero((ways.point == number) & (level > WEAKEST))
-        kept.append(np.sort(own[np.argsort(-level[own], kind="stable")[:MIRRORS_PER_POINT]]))
-    return ways.take(np.concatenate(kept))
+    heard = np.flatnonzero(level > WEAKEST)
+    by_strength = heard[np.lexsort((-level[heard], ways.point[heard]))]
+    return ways.take(np.sort(by_strength[place_in_run(ways.point[by_strength]) < MIRRORS_PER_POINT]))
 
 
-class _Views:
-    """The targets as a way out and a way back see them together, each made once."""
+def _direct(direct: DirectWays, mirrors: Ways, view: View) -> Ways:
+    """The direct ways to those points that are seen over mirrors too: over a mirror without a normal, which moves
+    nothing."""
+    chosen = np.flatnonzero((direct.sent != 0.0) | (direct.received != 0.0))
+    chosen = chosen[np.isin(chosen, mirrors.point)]
+    nowhere, which = np.zeros((len(chosen), 3)), np.full(len(chosen), DIRECT)
+    sent, received = np.zeros((2, len(chosen), 2), dtype=np.complex128)
+    tx, rx = (AXES.index(which) for which in view.settings.polarization)
+    sent[:, tx], received[:, rx] = direct.sent[chosen], direct.received[chosen]
+    return Ways(chosen, which, nowhere, np.zeros(len(chosen)), nowhere, sent, received)
 
-    def __init__(self, view: View, circumstances: Seen, ways: Ways) -> None:
-        self._targets, self._circumstances, pose = view.merged.targets, circumstances, view.pose
-        self._rotation, self.polarization = view.rotation, view.settings.polarization
-        self._here, self._velocity = np.asarray(pose.position, dtype=np.float64), np.asarray(pose.velocity)
-        images = self._here + ways.image(np.zeros(3)) @ self._rotation.T
-        self._radar = dict(zip(ways.triangle.tolist(), images, strict=True))
-        self._radar[DIRECT] = self._here
-        self._made: dict[tuple[int, int, int], EchoPoints | None] = {}
 
-    def of(self, target: int, one: int, other: int) -> EchoPoints | None:
-        """All echo points of a target, in the radar frame; None where the two directions are too far apart.
-
-        :param one, other: triangles of the ways' mirrors, or DIRECT
-        """
-        key = (target, min(one, other), max(one, other))
-        if key not in self._made:
-            self._made[key] = self._seen_along(*key)
-        return self._made[key]
-
-    def _seen_along(self, target: int, one: int, other: int) -> EchoPoints | None:
-        item = self._targets[target]
-        origin = np.array(item.position)
-        place = self._radar[one]
+def _seen_along(view: View, direct: DirectWays, ways: Ways, out: Index, back: Index) -> tuple[EchoPoints, Mask]:
+    """The echo points as ways out and back [n] see them together, in the radar frame, and which of the pairs [n] are
+    near enough to each other; the points are of these alone."""
+    number = ways.point[out]
+    target = direct.points.target[number].astype(np.int64)
+    place = number - np.searchsorted(direct.points.target, target)  # which of the target's points
+    key = np.stack([target, *np.sort([ways.triangle[out], ways.triangle[back]], axis=0)], axis=1)
+    keys, which = np.unique(key, axis=0, return_inverse=True)
+    here, rotation = np.asarray(view.pose.position, dtype=np.float64), view.rotation
+    radars = dict(zip(ways.triangle.tolist(), here + ways.image(np.zeros(3)) @ rotation.T, strict=True))
+    parts, begins, count = [direct.points.take(np.zeros(0, dtype=np.int64))], np.full(len(keys), -1), 0
+    for index, (item, one, other) in enumerate(keys.tolist()):
+        origin = np.array(view.merged.targets[item].position)
+        radar = radars[one]
         if one != other:
-            lines = np.array([self._radar[one] - origin, self._radar[other] - origin])
+            lines = np.array([radar - origin, radars[other] - origin])
             first, second = unit(lines)
             if first @ second < WIDEST_COSINE:
-                return None
-            place = origin + np.linalg.norm(lines, axis=1).mean() * unit(first + second)
-        points = seen_from(item, target, place, self._circumstances)
-        return replace(
-            points,
-            position=(points.position - self._here) @ self._rotation,
-            velocity=(points.velocity - self._velocity) @ self._rotation,
-        )
-
-
-def _round_trips(
-    number: int, own: NDArray[np.int64], direct: DirectWays, ways: Ways, views: _Views
-) -> Iterator[_Trip | None]:
-    """Every way out with every way back of one echo point, but the direct one both ways; None for a pair too wide.
-
-    :param own: the ways over mirrors to this point
-    """
-    target = int(direct.points.target[number])
-    place = number - int(np.searchsorted(direct.points.target, target))  # which of the target's points
-    tx, rx = (AXES.index(which) for which in views.polarization)
-    straight = np.zeros((2, 2), dtype=np.complex128)
-    straight[0, tx], straight[1, rx] = direct.sent[number], direct.received[number]
-    choices = [DIRECT] * bool(np.any(straight)) + own.tolist()
-    for out in choices:
-        for back in choices:
-            if out == back == DIRECT:
                 continue
-            view = views.of(target, *(DIRECT if way == DIRECT else int(ways.triangle[way]) for way in (out, back)))
-            if view is None:
-                yield None
-                continue
-            sent = straight[0] if out == DIRECT else ways.sent[out]
-            received = straight[1] if back == DIRECT else ways.received[back]
-            field = sent @ received if tx == rx else sent[tx] * received[rx]
-            there, here = (_end(way, view.position[place], view.velocity[place], ways) for way in (out, back))
-            spread = np.linalg.norm(there.position) * np.linalg.norm(here.position)
-            level = direct.circumstances.wavelength_m * np.sqrt(view.rcs_m2[place]) / (4.0 * np.pi) ** 1.5 / spread
-            kinds = SPECULAR | (int(direct.kinds[number]) if DIRECT in (out, back) else TARGET)
-            depth = 1 + (out != DIRECT) + (back != DIRECT)
-            yield _Trip(there, here, level * field, depth, target, kinds, number)
-
-
-def _end(way: int, position: Real, velocity: Real, ways: Ways) -> _End:
-    """The point itself, or its image in the way's mirror."""
-    if way == DIRECT:
-        return _End(position, velocity)
-    chosen = ways.take(np.array([way]))
-    moving = mirrored_velocity(velocity[None], chosen.normal, chosen.velocity)
-    return _End(chosen.image(position[None])[0], moving[0])
-
-
-def _as_paths(trips: list[_Trip], first: int) -> ScatteredPaths:
-    """:param first: index of the first target among the scene's objects"""
-    count = len(trips)
-    return ScatteredPaths(
-        tx_point=np.array([trip.out.position for trip in trips]).reshape(count, 3),
-        rx_point=np.array([trip.back.position for trip in trips]).reshape(count, 3),
-        tx_velocity=np.array([trip.out.velocity for trip in trips]).reshape(count, 3),
-        rx_velocity=np.array([trip.back.velocity for trip in trips]).reshape(count, 3),
-        between_m=np.zeros(count),
-        between_rate_mps=np.zeros(count),
-        amplitude=np.array([trip.amplitude for trip in trips], dtype=np.complex128),
-        depth=np.array([trip.depth for trip in trips], dtype=np.int8),
-        object_index=np.array([first + trip.target for trip in trips], dtype=np.int32),
-        kinds=np.array([trip.kinds for trip in trips], dtype=np.uint8),
-        candidate=np.array([trip.point for trip in trips], dtype=np.int32),
-    )
+            radar = origin + np.linalg.norm(lines, axis=1).mean() * unit(first + second)
+        parts.append(seen_from(view.merged.targets[item], item, radar, direct.circumstances))
+        begins[index], count = count, count + len(parts[-1])
+    begin = begins[which.reshape(-1)]
+    seen = EchoPoints.joined(parts).take((begin + place)[begin >= 0])
+    return replace(
+        seen,
+        position=(seen.position - here) @ rotation,
+        velocity=(seen.velocity - np.asarray(view.pose.velocity)) @ rotation,
+    ), begin >= 0

@@ -18,7 +18,7 @@ the same length is
     g = conj(R e) sqrt(1 - S^2) F,
 
 with R e what the slab reflects of the radar's unit field (TE and TM of ITU-R P.2040,
-:func:`datafactory.paths.wave_steps.reflected_fields`).
+:func:`datafactory.paths.slabs.reflected_fields`).
 
 The loss of a rough surface is sqrt(1 - S^2), here as in every other path of the table; it does not depend on the angle.
 Heights with a normal distribution of rms h leave exp(-2 (k h sin psi)^2) at the grazing angle psi (Ament, Toward a
@@ -37,32 +37,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.paths.columns import Columns
+from datafactory.paths.columns import Columns, apart
 from datafactory.paths.facets import COPLANAR_M
 from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.merged_scene import MergedScene
-from datafactory.paths.panes import AXES, FAINTEST, Polarization, panes_between, polarization_axis
-from datafactory.paths.slabs import LEAST_COSINE
+from datafactory.paths.panes import AXES, FAINTEST, NEAREST_M, Polarization, panes_between, polarization_axis
+from datafactory.paths.slabs import LEAST_COSINE, reflected_fields
 from datafactory.paths.table import REFRACTED, SPECULAR, SpecularPaths
-from datafactory.paths.unfold import apart
 from datafactory.paths.view import View
-from datafactory.paths.wave_steps import reflected_fields
 from shared.physics.compiled import compiled
-
-Real = NDArray[np.float64]
+from shared.physics.vectors import Complex, Index, Mask, Real
 
 INSIDE = 1e-9
 """Barycentric coordinates may fall below zero by this: a foot on an edge belongs to both triangles, and counts once."""
-CLOSEST_M = 0.01
-"""Nearer mirrors are left out, as the solver does: the antennas' own size matters there."""
 SAME_IMAGE_M = 2.0 * COPLANAR_M
 """Images nearer to each other belong to one mirror: faces that lie in one plane, or on top of each other."""
 AHEAD_M = 1e-6
 """A foot straight below the radar lies at x = 0, apart from rounding, and counts as ahead."""
 
 
-Complex = NDArray[np.complex128]
-Index = NDArray[np.int64]
 TOUCHING_M = 1e-4
 """A point may lie this far behind a face and still stand on it: rounding of a scene's coordinates."""
 
@@ -119,7 +112,7 @@ def single_mirrors(view: View) -> tuple[SpecularPaths, dict[str, int]]:
     return echoes.images(), {"mirrors_hidden": hidden}
 
 
-def _nearest_of_doubles(foot: Real, index: NDArray[np.int64]) -> NDArray[np.int64]:
+def _nearest_of_doubles(foot: Real, index: Index) -> Index:
     """Those of the feet ``index`` that belong to different mirrors, rising; of faces on top of each other the nearest.
 
     Triangles that share an edge may both hold a foot on it.
@@ -128,7 +121,7 @@ def _nearest_of_doubles(foot: Real, index: NDArray[np.int64]) -> NDArray[np.int6
     return np.sort(nearest[apart(2.0 * foot[nearest], SAME_IMAGE_M)])
 
 
-def way_and_back(view: View, point: Real) -> tuple[NDArray[np.complex128], NDArray[np.uint8]]:
+def way_and_back(view: View, point: Real) -> tuple[Complex, NDArray[np.uint8]]:
     """What the way to points [n, 3] and back leaves of an amplitude, 0 where they are hidden, and the kinds of path."""
     clear = view.sight(np.zeros((len(point), 3)), point)
     passed = clear.astype(np.complex128)
@@ -136,30 +129,29 @@ def way_and_back(view: View, point: Real) -> tuple[NDArray[np.complex128], NDArr
     if view.settings.refraction and not clear.all():
         behind = np.flatnonzero(~clear)
         panes = panes_between(view, point[behind], view.settings.polarization[0])
-        passed[behind] = np.where(np.abs(panes.factor) > FAINTEST, panes.factor, 0.0) ** 2
+        passed[behind] = np.where(np.abs(panes) > FAINTEST, panes, 0.0) ** 2
         kinds[behind] |= REFRACTED
     return passed, kinds
 
 
-def plane_amplitude(view: View, mesh: NDArray[np.int64], range_m: Real) -> NDArray[np.complex128]:
+def plane_amplitude(view: View, mesh: Index, range_m: Real) -> Complex:
     """[n] amplitude of infinite planes of the meshes' materials, square to the sight at ``range_m`` [n]."""
     te, _ = view.slabs.reflection(mesh, np.ones(len(mesh)))
     scale = view.wavelength_m / (8.0 * np.pi * range_m)
     return np.asarray(np.conj(te) * (view.slabs.unscattered(mesh) * scale), dtype=np.complex128)
 
 
-def _rates_of_normals(merged_scene: MergedScene, triangle: NDArray[np.int64], mesh: NDArray[np.int64]) -> Real:
+def _rates_of_normals(merged_scene: MergedScene, triangle: Index, mesh: Index) -> Real:
     """[n, 3] rates [1/s] of the unit normals of triangles, in the world: 0 but on meshes that turn.
 
     With N = a x b of two sides, N' = a' x b + a x b', and n' = (N' - n (n . N')) / |N|.
     """
     rates = np.zeros((len(triangle), 3))
-    first = np.cumsum([0, *(len(item.triangles) for item in merged_scene.meshes)])
     for number in np.unique(mesh):
         item, here = merged_scene.meshes[number], np.flatnonzero(mesh == number)
         if item.turned is None:
             continue
-        corners = item.triangles[triangle[here] - first[number]]
+        corners = item.triangles[triangle[here] - merged_scene.first[number]]
         sides, changes = (
             values[corners][:, 1:] - values[corners][:, :1] for values in (item.vertices, item.turned.velocities)
         )
@@ -232,7 +224,7 @@ def ways_over_mirrors(view: View, position: Real) -> Ways:
     return ways.take(apart(images, SAME_IMAGE_M))
 
 
-def _clear(view: View, foot: Real, triangle: Index, position: Real) -> NDArray[np.bool_]:
+def _clear(view: View, foot: Real, triangle: Index, position: Real) -> Mask:
     """[W] whether nothing stands on either leg.
 
     The point of reflection is lifted off its face, to the radar's side, by the error of rays in float32.
@@ -286,7 +278,7 @@ def _reflecting(position, normals, height, inward, border):
             radar = abs(height[t])
             above = normals[t, 0] * px + normals[t, 1] * py + normals[t, 2] * pz - height[t]
             over = -above if height[t] > 0.0 else above  # positive on the radar's side
-            if radar < CLOSEST_M or over < -TOUCHING_M:
+            if radar < NEAREST_M or over < -TOUCHING_M:
                 continue
             share = radar / (radar + max(over, 0.0))
             x = share * (px - 2.0 * above * normals[t, 0])

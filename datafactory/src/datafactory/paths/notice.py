@@ -22,12 +22,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.paths.candidates import GROUPS, Candidates
 from datafactory.paths.density import cell_numbers, cell_power
 from datafactory.paths.table import DIFFUSE, SPECULAR, PathTable, ScatteredPaths, SpecularPaths, amplitude_gain
 from shared.physics.units import db_to_power
+from shared.physics.vectors import Mask, Real
 from shared.radar import FrontEnd, Radar
 from shared.signal.windows import cell_noise_power
 
@@ -76,7 +76,7 @@ class Notice:
         of_budget = budget * float(cell_power(lit, self.radar, self.truth_window, self._in_focus(lit)).max(initial=0.0))
         return min(of_budget, noise) if self.below_noise else of_budget
 
-    def _in_focus(self, paths: PathTable) -> NDArray[np.float64]:
+    def _in_focus(self, paths: PathTable) -> Real:
         """[K] share of a path's power that its cell of the truth's image shows, scattered paths first.
 
         The image is focused on points. A mirror at R shows the TX at 2 R: over an aperture D its phase is off by up to
@@ -88,14 +88,14 @@ class Notice:
         mirrors = np.minimum(paths.specular.range_m() / near_m, 1.0) if near_m > 0.0 else np.ones(len(paths.specular))
         return np.concatenate([np.ones(len(paths.scattered)), mirrors])
 
-    def power_w(self, candidates: Candidates) -> NDArray[np.float64]:
+    def power_w(self, candidates: Candidates) -> Real:
         """[N] the candidates' bounds as the radar lights them [W]; 0 beyond its unambiguous range."""
         departure, arrival = candidates.departure.astype(np.float64), candidates.arrival.astype(np.float64)
         gain = amplitude_gain(self.front_end, departure, arrival) ** 2
         heard = candidates.range_m < self.radar.waveform.unambiguous_range_m
         return np.where(heard, candidates.power * gain, 0.0)
 
-    def worth(self, candidates: Candidates, limit_w: float) -> NDArray[np.bool_]:
+    def worth(self, candidates: Candidates, limit_w: float) -> Mask:
         """[N] whether each is followed."""
         if not len(candidates):
             return np.zeros(0, dtype=bool)
@@ -122,7 +122,7 @@ def first_echoes(table: PathTable) -> PathTable:
     return PathTable(table.scattered.take(_is_first(table.scattered)), table.specular.take(_is_first(table.specular)))
 
 
-def _is_first(paths: ScatteredPaths | SpecularPaths) -> NDArray[np.bool_]:
+def _is_first(paths: ScatteredPaths | SpecularPaths) -> Mask:
     return (paths.depth == 1) & ((paths.kinds == DIFFUSE) | (paths.kinds == SPECULAR))
 
 

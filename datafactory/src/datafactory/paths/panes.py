@@ -6,22 +6,17 @@ as a box is two panes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.paths.candidates import PANE, Candidates
-from datafactory.paths.geometry import first_hits, ray_margin_m
+from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.thinning import RANGE_CELL_M, U_CELL
-from datafactory.paths.unfold import unit
-from datafactory.paths.view import View
+from datafactory.paths.view import View, Waves
 from shared.physics.compiled import compiled
-from shared.physics.vectors import lengths
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from shared.physics.vectors import Complex, Real, lengths, unit
 
 Polarization = Literal["V", "H"]
 AXES: tuple[Polarization, Polarization] = ("V", "H")
@@ -35,27 +30,14 @@ FAINTEST = 1e-4
 """One-way amplitude behind surfaces below which a target or a mirror counts as hidden: -160 dB both ways, as behind any
 wall."""
 NEAREST_M = 0.01
-"""No pane counts as nearer: the antennas' own size matters there."""
-
-
-@dataclass(frozen=True)
-class Crossings:
-    """The surfaces between the radar and K points.
-
-    :param factor: [K] one-way amplitude over that of free space, co-polarised, in the path table's convention
-    :param count: [K] surfaces crossed
-    :param given_up: points behind more surfaces than were followed; their factor is 0
-    """
-
-    factor: Complex
-    count: NDArray[np.int64]
-    given_up: int
+"""Nearer surfaces do not scatter, nearer mirrors are left out, as the solver does, and no pane counts as nearer: the
+antennas' own size matters there."""
 
 
 def panes_between(
     view: View, points: Real, polarization: Polarization = "V", maximum_crossings: int = MAXIMUM_CROSSINGS
-) -> Crossings:
-    """One-way transmission along the straight lines from the radar to points.
+) -> Complex:
+    """[K] one-way amplitude along the straight lines from the radar to points, over that of free space.
 
     The field starts as the unit vector theta^ (V) or phi^ (H) of the radar's spherical coordinates. At every surface it
     is split into the part across the plane of incidence (TE) and the part in it (TM), each is multiplied with its T,
@@ -65,24 +47,29 @@ def panes_between(
     is the square, by reciprocity, for a target that keeps the polarisation.
 
     :param points: [K, 3] in the radar frame [m]; surfaces nearer than the ray caster's own error count as behind it
+    :param maximum_crossings: of surfaces that are followed; what lies behind more of them has 0
+    :return: in the path table's convention
     """
     points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-    distance = np.linalg.norm(points, axis=1)
-    direction = unit(points)
+    distance, direction = lengths(points), unit(points)
+    reach = distance - ray_margin_m(distance)
     axis = polarization_axis(direction, polarization)
     field = axis.astype(np.complex128)
-    count = np.zeros(len(points), dtype=np.int64)
-    surfaces = _SurfaceWalker(view.geometry, direction, distance - ray_margin_m(distance))
-    for _ in range(maximum_crossings):
-        hit, shape, normal = surfaces.next_surface()
-        if not hit.any():
-            break
-        count[hit] += 1
-        field[hit] = view.slabs.passed(view.mesh_of_number[shape[hit]], direction[hit], normal[hit], field[hit])
-        surfaces.leave(np.linalg.norm(field, axis=1) < FADED)
-    beyond = surfaces.next_surface()[0]
-    factor = np.where(beyond, 0.0, np.einsum("ki,ki->k", field, axis).conj())
-    return Crossings(factor=factor, count=count, given_up=int(beyond.sum()))
+    waves, left = Waves.departing(direction, field.copy()), np.arange(len(points))
+    for crossing in range(maximum_crossings + 1):
+        index, hits = view.hit_by(waves)
+        before = np.flatnonzero(waves.length[index] + hits.distance < reach[left[index]])
+        index, hits = index[before], hits.take(before)
+        waves, left = waves.arrived(index, hits), left[index]
+        behind = view.slabs.passed(hits.mesh, waves.direction, hits.normal, waves.field)
+        field[left] = behind if crossing < maximum_crossings else 0.0
+        # On, from a little behind the surface on the straight line.
+        margin = ray_margin_m(waves.length)
+        start = waves.start + margin[:, None] * waves.direction
+        waves = replace(waves, start=start, lifted=start, length=waves.length + margin, field=behind)
+        strong = np.flatnonzero(np.linalg.norm(behind, axis=1) >= FADED)
+        waves, left = waves.take(strong), left[strong]
+    return np.einsum("ki,ki->k", field, axis).conj()
 
 
 def polarization_axis(direction: Real, polarization: Polarization) -> Real:
@@ -105,48 +92,6 @@ def _axes(direction, horizontal):
         else:
             axis[k, 0], axis[k, 1], axis[k, 2] = z * cosine, z * sine, -across
     return axis
-
-
-class _SurfaceWalker:
-    """Rays from the origin, from one surface to the next.
-
-    A ray restarts a margin behind each surface. A second hit on the same triangle is an error of rounding, and skipped.
-    """
-
-    def __init__(self, mi_scene: Any, direction: Real, reach: Real) -> None:
-        self.scene, self.direction, self.reach = mi_scene, direction, reach
-        self.travelled = np.zeros(len(direction))
-        self.last = np.full((len(direction), 2), -1, dtype=np.int64)
-
-    def next_surface(self) -> tuple[NDArray[np.bool_], NDArray[np.int64], Real]:
-        """Whether there is one [K], its shape's id [K] and its unit normal [K, 3]."""
-        found = np.zeros(len(self.direction), dtype=bool)
-        shape = np.zeros(len(self.direction), dtype=np.int64)
-        normal = np.zeros((len(self.direction), 3))
-        pending = np.flatnonzero(self.travelled < self.reach)
-        while len(pending):
-            distance, triangle, n = self._cast(pending)
-            here = np.isfinite(distance)
-            again = here & (triangle == self.last[pending]).all(axis=1)
-            new = pending[here & ~again]
-            found[new], shape[new], normal[new] = True, triangle[here & ~again, 0], n[here & ~again]
-            self.last[pending[here]] = triangle[here]
-            self.travelled[pending[here]] += distance[here] + ray_margin_m(
-                self.travelled[pending[here]] + distance[here]
-            )
-            self.travelled[pending[~here]] = np.inf
-            pending = pending[again & (self.travelled[pending] < self.reach[pending])]
-        return found, shape, normal
-
-    def leave(self, rays: NDArray[np.bool_]) -> None:
-        """Follow these [K] no further."""
-        self.travelled[rays] = np.inf
-
-    def _cast(self, index: NDArray[np.int64]) -> tuple[Real, NDArray[np.int64], Real]:
-        start = self.travelled[index, None] * self.direction[index]
-        hits = first_hits(self.scene, start, self.direction[index], (self.reach - self.travelled)[index])
-        triangle = np.stack([hits.shape, hits.primitive], axis=1)
-        return np.where(hits.valid, hits.distance, np.inf), triangle, hits.normal
 
 
 def pane_candidates(view: View) -> Candidates:

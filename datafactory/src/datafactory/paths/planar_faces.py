@@ -11,16 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from datafactory.paths.bodies import components
 from datafactory.paths.facets import COPLANAR_COSINE, COPLANAR_M, mirrors_of
 from datafactory.paths.merged_scene import MergedScene, found_once
 from shared.physics.compiled import compiled
-
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
+from shared.physics.vectors import Index, Real
 
 TOUCH_M = 0.01
 """Faces that end nearer than this to the line in which their planes meet reach it [m]: a wall that hovers 1 cm over the
@@ -64,8 +60,8 @@ def planar_faces_of(merged_scene: MergedScene) -> PlanarFaces:
     corners, normals = mirrors.corners[solid], mirrors.normals[solid]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     together, square, length = _neighbours(corners, normals, area, mirrors.body[solid])
-    count, label = _joined(len(solid), together)
-    normal, centre = _planes(count, label, corners, normals, area)
+    label = components(len(solid), together)
+    normal, centre = _planes(label, corners, normals, area)
     label[np.abs(np.einsum("ki,ki->k", normals, normal[label])) < SAME_FACE_COSINE] = -1
     pairs, contact = _face_pairs(label, square, length)
     of_triangle = np.full(len(mirrors.corners), -1, dtype=np.int64)
@@ -86,14 +82,9 @@ def _neighbours(corners: Real, normals: Real, area: Real, body: Index) -> tuple[
     return pairs[~square], pairs[square], contact[square]
 
 
-def _joined(count: int, pairs: Index) -> tuple[int, Index]:
-    ties = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    faces, label = connected_components(ties, directed=False) if count else (0, np.zeros(0))
-    return int(faces), label.astype(np.int64)
-
-
-def _planes(count: int, label: Index, corners: Real, normals: Real, area: Real) -> tuple[Real, Real]:
+def _planes(label: Index, corners: Real, normals: Real, area: Real) -> tuple[Real, Real]:
     """Normals and centres of the faces, weighted with the triangles' areas."""
+    count = int(label.max(initial=-1)) + 1
     lead = np.zeros(count, dtype=np.int64)
     order = np.argsort(area, kind="stable")
     lead[label[order]] = order  # the largest triangle is written last

@@ -24,11 +24,10 @@ from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shared.physics.compiled import compiled, inlined
 from shared.physics.cycles import phasor
-from shared.physics.vectors import lengths
+from shared.physics.vectors import Real, lengths
 
 BEAM = 0.07
 """z_0. Among 0.0125 to 0.2, 0.05 reaches the most ground cells within 30 m with five rays (docs/notes/speckle.md). It
@@ -57,7 +56,7 @@ class RayFan:
     beam: float = BEAM
     strips: tuple[float, ...] = ()
 
-    def unit_square(self) -> NDArray[np.float64]:
+    def unit_square(self) -> Real:
         """[count, 2] the points that Mitsuba's ``square_to_uniform_sphere`` turns into these directions.
 
         That map takes (a, b) to azimuth 2 pi a and z = 1 - 2 b.
@@ -72,19 +71,19 @@ class RayFan:
         z = self.beam * np.tan((2.0 * up - 1.0) * np.arctan(1.0 / self.beam))
         return np.stack([_fraction(azimuth / (2.0 * np.pi)), np.clip(0.5 * (1.0 - z), 0.0, 1.0)], axis=1)
 
-    def directions(self) -> NDArray[np.float64]:
+    def directions(self) -> Real:
         """[count, 3] unit directions, in the lattice's order."""
         across, up = self.unit_square().T
         azimuth, z, level = 2.0 * np.pi * across, 1.0 - 2.0 * up, 2.0 * np.sqrt(up * (1.0 - up))
         return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), z], axis=1)
 
-    def solid_angle_ratio(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    def solid_angle_ratio(self, directions: Real) -> Real:
         """[K] solid angle that a ray in these directions [K, 3] represents, over the full lattice's 4 pi / count."""
         z = directions[:, 2] / lengths(directions)
         cosine = np.maximum(directions[:, 0], 0.0) / np.maximum(np.hypot(directions[:, 0], directions[:, 1]), 1e-30)
         return 1.0 / (4.0 * np.pi * _azimuth_density(cosine) * self.elevation_density(z))
 
-    def elevation_density(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
+    def elevation_density(self, z: Real) -> Real:
         """[K] p(z) at sines of elevation [K]."""
         half_angle = np.arctan(1.0 / self.beam)
         density = self.beam / (2.0 * half_angle * (self.beam**2 + z**2))
@@ -95,16 +94,16 @@ class RayFan:
         return density
 
 
-def _fraction(value: NDArray[np.float64]) -> NDArray[np.float64]:
+def _fraction(value: Real) -> Real:
     """[N] what is left of the next lower whole number: ``value % 1.0`` at a thirtieth of its time."""
     return value - np.floor(value)
 
 
-def _azimuth_density(cosine: NDArray[np.float64]) -> NDArray[np.float64]:
+def _azimuth_density(cosine: Real) -> Real:
     return UNIFORM_IN_U * 0.5 * cosine + (1.0 - UNIFORM_IN_U) / np.pi
 
 
-def _azimuth_at(share: NDArray[np.float64]) -> NDArray[np.float64]:
+def _azimuth_at(share: Real) -> Real:
     """[N] azimuth below which ``share`` [N] of the rays lie, by Newton's method: the law rises everywhere.
 
     From a table's straight lines, 1.2e-5 rad off at most, two steps end at rounding.
@@ -134,12 +133,12 @@ def _newtons(azimuth, share):
     return min(max(moved, -0.5 * np.pi), 0.5 * np.pi)
 
 
-def _share_below(azimuth: NDArray[np.float64]) -> NDArray[np.float64]:
+def _share_below(azimuth: Real) -> Real:
     return UNIFORM_IN_U * 0.5 * (np.sin(azimuth) + 1.0) + (1.0 - UNIFORM_IN_U) * (azimuth / np.pi + 0.5)
 
 
 @lru_cache(maxsize=1)
-def _azimuth_table() -> NDArray[np.float64]:
+def _azimuth_table() -> Real:
     """Azimuths at evenly spaced shares, 0 and 1 among them."""
     azimuth = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 2**15)
     return np.interp(np.linspace(0.0, 1.0, 2**12 + 1), _share_below(azimuth), azimuth)

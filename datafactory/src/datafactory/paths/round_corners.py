@@ -28,22 +28,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.columns import pairs_in_runs, place_in_run
 from datafactory.paths.diffraction import (
     BESIDE_M,
     EdgeRays,
-    Sight,
     along_array,
     field_over_edges,
     rays_over_edges,
 )
-from datafactory.paths.edges import WedgeEdges
-from datafactory.paths.panes import Polarization, polarization_axis
-from datafactory.paths.slabs import Slabs
+from datafactory.paths.panes import polarization_axis
 from datafactory.paths.table import DIFFRACTED, TARGET, ScatteredPaths
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Index = NDArray[np.int64]
+from datafactory.paths.view import View
+from shared.physics.vectors import Complex, Index, Mask, Real
 
 EDGES_PER_TARGET = 4
 TARGETS_AT_ONCE = 64
@@ -85,30 +81,23 @@ class Hidden:
 
 
 def echoes_round_corners(
-    edges: WedgeEdges,
-    slabs: Slabs,
-    sight: Sight,
-    hidden: Hidden,
-    polarization: tuple[Polarization, Polarization] = ("V", "V"),
-    edges_per_target: int = EDGES_PER_TARGET,
+    view: View, hidden: Hidden, edges_per_target: int = EDGES_PER_TARGET
 ) -> tuple[ScatteredPaths, dict[str, int]]:
-    """Echoes of hidden targets.
+    """Echoes of hidden targets. Cross-polar, the target is reached by the one polarisation and heard by the other.
 
-    :param edges: in the radar frame, ``edges_of(merged_scene).seen_from(pose)``
-    :param polarization: of TX and RX; cross-polar, the target is reached by the one and heard by the other
     :param edges_per_target: number of edges used for each target, the strongest ones, out and back in every combination
     :return: the paths, their candidates numbers of the targets, and the numbers of targets reached, of targets not
         reached, and of weaker edges left out
     """
     parts = [ScatteredPaths.none()]
     reached = weaker = 0
-    scale = slabs.wavelength_m * np.sqrt(hidden.rcs_m2) / (4.0 * np.pi) ** 1.5
+    scale = view.wavelength_m * np.sqrt(hidden.rcs_m2) / (4.0 * np.pi) ** 1.5
     count = len(hidden.position)
     for first in range(0, count, TARGETS_AT_ONCE):
         here = slice(first, first + TARGETS_AT_ONCE)
-        rays = rays_over_edges(edges, ORIGIN, hidden.position[here], slabs.wavelength_m)
-        rays = rays.take(_both_legs_clear(edges, rays, hidden.position[here], sight))
-        legs, left = _legs_over(edges, rays, slabs, hidden.velocity[here], polarization, edges_per_target)
+        rays = rays_over_edges(view.edges, ORIGIN, hidden.position[here], view.wavelength_m)
+        rays = rays.take(_both_legs_clear(view, rays, hidden.position[here]))
+        legs, left = _legs_over(view, rays, hidden.velocity[here], edges_per_target)
         reached += len(np.unique(legs.target))
         weaker += left
         paths = _round_trips(legs, scale[here], hidden.object_index[here])
@@ -121,24 +110,18 @@ def echoes_round_corners(
     return ScatteredPaths.joined(parts), counts
 
 
-def _legs_over(
-    edges: WedgeEdges,
-    rays: EdgeRays,
-    slabs: Slabs,
-    target_velocity: Real,
-    polarization: tuple[Polarization, Polarization],
-    limit: int,
-) -> tuple[_Legs, int]:
+def _legs_over(view: View, rays: EdgeRays, target_velocity: Real, limit: int) -> tuple[_Legs, int]:
     """The strongest of the clear ways to each target, the strongest first, and the number of weaker ones."""
+    edges, polarization = view.edges, view.settings.polarization
     fields = {
         which: field_over_edges(
-            edges, rays, slabs, polarization_axis(rays.inward, which), polarization_axis(rays.outward, which)
+            edges, rays, view.slabs, polarization_axis(rays.inward, which), polarization_axis(rays.outward, which)
         )
         for which in dict.fromkeys(polarization)
     }
     sent, received = (fields[which] for which in polarization)
     by_strength = np.lexsort((-np.abs(sent * received), rays.observer))
-    best = by_strength[_place_in_run(rays.observer) < limit]
+    best = by_strength[place_in_run(rays.observer) < limit]
     to, chosen, inward, outward = rays.observer[best], rays.edge[best], rays.inward[best], rays.outward[best]
     out_m, on_m = rays.geometry.source_distance_m[best], rays.geometry.observer_distance_m[best]
     level = along_array(edges.direction[chosen], inward)
@@ -157,25 +140,21 @@ def _legs_over(
     return legs, len(rays) - len(best)
 
 
-def _both_legs_clear(edges: WedgeEdges, rays: EdgeRays, targets: Real, sight: Sight) -> NDArray[np.bool_]:
+def _both_legs_clear(view: View, rays: EdgeRays, targets: Real) -> Mask:
     """[K] whether both legs are free, up to a point beside the edge, between the legs and in the wedge's exterior.
 
     Each leg ends a little beyond the plane of the other. A wall in another mesh that continues the face, so that there
     is no edge, blocks one of them.
     """
+    edges = view.edges
     middle = 0.5 * (rays.geometry.source_angle_rad + rays.geometry.observer_angle_rad)
     normal_0 = edges.normal_0[rays.edge]
     into_0 = np.cross(normal_0, edges.direction[rays.edge])
     aside = rays.point + BESIDE_M * (np.cos(middle)[:, None] * into_0 + np.sin(middle)[:, None] * normal_0)
-    clear = sight(np.zeros_like(aside), aside + 0.5 * BESIDE_M * rays.outward)
+    clear = view.sight(np.zeros_like(aside), aside + 0.5 * BESIDE_M * rays.outward)
     towards = (aside - 0.5 * BESIDE_M * rays.inward)[clear]
-    clear[clear] = sight(targets[rays.observer[clear]], towards)
+    clear[clear] = view.sight(targets[rays.observer[clear]], towards)
     return clear
-
-
-def _place_in_run(value: Index) -> Index:
-    """[n] how many equal values stand before each of rising values [n]."""
-    return np.arange(len(value)) - np.searchsorted(value, value, side="left")
 
 
 def _round_trips(legs: _Legs, scale: Real, owner: NDArray[np.int32]) -> ScatteredPaths:
@@ -183,10 +162,7 @@ def _round_trips(legs: _Legs, scale: Real, owner: NDArray[np.int32]) -> Scattere
 
     :param scale: [T] of the amplitude; :param owner: [T] the targets' object indices
     """
-    first = np.searchsorted(legs.target, legs.target, side="left")
-    partners = np.searchsorted(legs.target, legs.target, side="right") - first
-    out = np.repeat(np.arange(len(legs.target)), partners)
-    back = first[out] + _place_in_run(out)
+    out, back = pairs_in_runs(legs.target)
     count, target = len(out), legs.target[out]
     return ScatteredPaths(
         tx_point=legs.point[out],

@@ -1,4 +1,9 @@
-"""Rows of the table from the vertices of paths: what their surfaces do to the amplitude, and the delay law of each."""
+"""Rows of the table from the vertices of paths: what their surfaces do to the amplitude, and the delay law of each.
+
+Mirrors are replaced by mirror images. All arrays hold n paths of the same depth; vertices run from the TX to the RX,
+both at the origin of the radar frame. A mirror's normal follows from the law of reflection: it bisects the directions
+to the vertices before and after.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +14,8 @@ from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import surface_phase
 from datafactory.paths.solver import Bundle
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, ScatteredPaths, SpecularPaths
-from datafactory.paths.unfold import image_seen_from_tx, segment_lengths, tx_image_seen_from_rx, unit, with_ends
 from datafactory.paths.view import View
+from shared.physics.vectors import Index, Real, lengths, unit
 
 
 def with_surfaces(part: Bundle, view: View) -> Bundle:
@@ -18,10 +23,9 @@ def with_surfaces(part: Bundle, view: View) -> Bundle:
     merged, settings = view.merged, view.settings
     triangle = np.maximum(part.triangles, 0)  # -1 stands beyond a path's end, where nothing is looked at
     mesh = merged.mesh_of_triangle[triangle] if len(merged.mesh_of_triangle) else triangle
-    shift = np.array([item.shift for item in merged.meshes]).reshape(-1, 3)
     world = part.vertices.reshape(-1, 3) @ view.rotation.T + np.asarray(view.pose.position)
     world = world.reshape(part.vertices.shape)
-    unshifted = world - shift.take(mesh, axis=0) if shift.any() else world
+    unshifted = world - merged.shifts.take(mesh, axis=0) if merged.shifts.any() else world
     at_rest = unshifted
     if merged.turns:
         carried = merged.carried(triangle.reshape(-1), world.reshape(-1, 3), mesh.reshape(-1))
@@ -49,7 +53,7 @@ def with_surfaces(part: Bundle, view: View) -> Bundle:
     return Bundle(**{**vars(part), "amplitude": part.amplitude * factor})
 
 
-def _unfolded_before(lengths: NDArray[np.float64], interactions: NDArray[np.int64], step: int) -> NDArray[np.float64]:
+def _unfolded_before(lengths: Real, interactions: Index, step: int) -> Real:
     """[n] length of the path [m] from the last point where the wave spread, antenna or diffuse bounce, to ``step``."""
     total = lengths[:, step].copy()
     unbroken = np.ones(len(total), dtype=bool)
@@ -110,3 +114,60 @@ def specular_rows(part: Bundle) -> SpecularPaths:
     return SpecularPaths.of(
         image, velocity, axes, part.amplitude, part.objects[:, -1].astype(np.int32), _kinds(part), depth
     )
+
+
+def with_ends(vertices: Real) -> Real:
+    """[n, depth + 2, 3] vertices with the origin before and after."""
+    end = np.zeros((len(vertices), 1, 3))
+    return np.concatenate([end, vertices, end], axis=1)
+
+
+def mirror_normals(vertices: Real) -> Real:
+    """[n, depth, 3] unit normals that reflect each segment into the next."""
+    chain = with_ends(vertices)
+    return unit(unit(chain[:, :-2] - vertices) + unit(chain[:, 2:] - vertices))
+
+
+def segment_lengths(vertices: Real) -> Real:
+    """[n, depth + 1] lengths [m] of the segments, TX leg first."""
+    return lengths(np.diff(with_ends(vertices), axis=1))
+
+
+def mirrored_velocity(velocity: Real, normal: Real, mirror_velocity: Real) -> Real:
+    """[n, 3] velocity of the image of a point moving with ``velocity`` in a plane mirror that moves itself.
+
+    The image of x in the plane n . (x - o) = 0 is x - 2 n . (x - o) n; its time derivative is below.
+    """
+    approach = np.einsum("ni,ni->n", normal, velocity - mirror_velocity)
+    return velocity - 2.0 * approach[:, None] * normal
+
+
+def image_seen_from_tx(vertices: Real, velocities: Real, mirrors: Index) -> tuple[Real, Real]:
+    """Position [n, 3] and velocity [n, 3] of the scattering vertex behind the first ``mirrors`` [n] reflections.
+
+    :param vertices: [n, depth, 3] [m]; :param velocities: [n, depth, 3] of the objects there [m/s]
+    """
+    count, depth = vertices.shape[:2]
+    rows = np.arange(count)
+    reached = np.cumsum(segment_lengths(vertices), axis=1)[rows, mirrors]
+    position = unit(vertices[:, 0]) * reached[:, None]
+    normals = mirror_normals(vertices)
+    velocity = velocities[rows, mirrors].copy()
+    for step in range(depth - 1, -1, -1):
+        behind = step < mirrors
+        velocity[behind] = mirrored_velocity(velocity[behind], normals[behind, step], velocities[behind, step])
+    return position, velocity
+
+
+def tx_image_seen_from_rx(vertices: Real, velocities: Real) -> tuple[Real, Real, Real]:
+    """Image of the TX behind all mirrors: position [n, 3], velocity [n, 3], and H [n, 3, 3] of the delay law."""
+    count, depth = vertices.shape[:2]
+    position = unit(vertices[:, -1]) * segment_lengths(vertices).sum(axis=1)[:, None]
+    normals = mirror_normals(vertices)
+    velocity = np.zeros((count, 3))
+    axes = np.tile(np.eye(3), (count, 1, 1))
+    for step in range(depth):
+        normal = normals[:, step]
+        velocity = mirrored_velocity(velocity, normal, velocities[:, step])
+        axes = axes - 2.0 * np.einsum("ni,nj,njk->nik", normal, normal, axes)
+    return position, velocity, axes

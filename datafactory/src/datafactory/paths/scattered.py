@@ -48,20 +48,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.defaults import LARGEST_DEPTH
-from datafactory.paths.arrivals import DIRECTIONS, Arrivals, Echoes, clear_of
+from datafactory.paths.arrivals import DIRECTIONS, Arrivals, Echoes
 from datafactory.paths.candidates import CHAIN, MIRRORED, TWICE, Candidates
 from datafactory.paths.chains import chain_candidates
 from datafactory.paths.corner_edges import corners_of
 from datafactory.paths.panes import AXES, polarization_axis
 from datafactory.paths.scattering import share_at
+from datafactory.paths.slabs import passed_fields, reflectivity
 from datafactory.paths.table import DIFFUSE, SPECULAR
-from datafactory.paths.view import Real
-from datafactory.paths.wave_steps import passed_fields, reflectivity
 from shared.physics.compiled import compiled
-from shared.physics.vectors import lengths
+from shared.physics.vectors import Index, Real, lengths
 
 LEAST_RAYS = 1_000
 """No fewer are followed, where there are as many."""
@@ -79,7 +77,7 @@ def over_mirrors(first: Arrivals) -> list[Echoes]:
     :param first: where the frame's rays meet their first surfaces, or a share of them
     """
     echoes, arrivals = list[Echoes](), first
-    while first.settings.specular and len(arrivals.kinds) + 1 < first.settings.depth:
+    while first.view.settings.specular and len(arrivals.kinds) + 1 < first.view.settings.depth:
         arrivals = arrivals.reflected()
         echoes.append(arrivals.echoes())
     return echoes
@@ -88,16 +86,16 @@ def over_mirrors(first: Arrivals) -> list[Echoes]:
 def behind_panes(first: Arrivals) -> Echoes:
     """What is scattered back through the first surface by what stands behind it."""
     view = first.view
-    first = first.take(np.flatnonzero(view.slabs.lets_through[first.hits.mesh]))
+    first = first.take(view.slabs.lets_through[first.hits.mesh])
     waves, panes = first.waves, first.hits
-    te, tm = view.transmission(panes)
+    te, tm = view.slabs.transmission(panes.mesh, panes.cosine)
     field = passed_fields(waves.direction, panes.normal, waves.field, te, tm)
-    waves = replace(waves, lifted=clear_of(panes, -1.0), field=field)
+    waves = replace(waves, lifted=panes.clear(-1.0), field=field)
     index, hits = view.hit_by(waves)
     waves, panes, te, tm = waves.arrived(index, hits), panes.take(index), te[index], tm[index]
     turned = _turned_back(waves.field, polarization_axis(waves.direction, "V"))
     back = passed_fields(waves.direction, panes.normal, turned, te, tm)
-    te, tm = view.reflection(hits)
+    te, tm = view.slabs.reflection(hits.mesh, hits.cosine)
     kept = reflectivity(waves.direction, hits.normal, waves.field, te, tm)
     behind = replace(first, waves=waves, hits=hits, te=te, tm=tm, ratio=first.ratio[index], ray=first.ray[index])
     return behind.heard(np.arange(len(back)), back, kept, 2)
@@ -120,7 +118,7 @@ def scattered_twice(first: Arrivals, seed: int) -> list[Echoes]:
     :param first: where the frame's rays meet their first surfaces, or a share of them
     :param seed: of the directions
     """
-    settings, rays = first.settings, round(first.rays)
+    settings, rays = first.view.settings, round(first.rays)
     each = max(min(settings.twice_share, rays // LEAST_RAYS), 1)
     followed = replace(first.share(each)[0], rays=first.rays / each)
     echoes, front = list[Echoes](), [followed]
@@ -203,8 +201,8 @@ class SecondBounces:
         }
 
     def _chains(self) -> Candidates:
-        arrivals, sequences = self._thin, list[NDArray[np.int64]]()
-        if not arrivals.settings.specular:
+        arrivals, sequences = self._thin, list[Index]()
+        if not arrivals.view.settings.specular:
             return Candidates.none()
         for _ in range(LARGEST_DEPTH - 1):
             arrivals = arrivals.reflected()
@@ -217,7 +215,8 @@ class SecondBounces:
             return self._twice
         if not len(self._rest.ray):
             return self._mirrored
-        return [Echoes.joined(parts) for parts in zip(self._mirrored, over_mirrors(self._rest), strict=True)]
+        both = zip(self._mirrored, over_mirrors(self._rest), strict=True)
+        return [Echoes.joined(parts).by_ray() for parts in both]
 
 
 def _estimates(group: int, echoes: Echoes, stands_for: int) -> Candidates:

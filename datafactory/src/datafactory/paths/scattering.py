@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from datafactory.scenes.materials.table import Pattern
 from shared.physics.compiled import inlined
+from shared.physics.vectors import Index, Real
 
 LOBE_EXPONENT = 4
 """a of the backscattering pattern: lobes about 40 deg to either side."""
@@ -94,7 +95,7 @@ def _lobe_integral(incidence_cosine):
     return total / 2.0**LOBE_EXPONENT
 
 
-def surface_phase(position: NDArray[np.float64], object_index: NDArray[np.int64]) -> NDArray[np.float64]:
+def surface_phase(position: Real, object_index: Index) -> Real:
     """[n] phases in [0, 2 pi) of surface points.
 
     :param position: [n, 3] in the object's own coordinates, i.e. in the world at time 0 [m]

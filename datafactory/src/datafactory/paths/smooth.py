@@ -23,16 +23,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from datafactory.paths.bodies import Body, fold_angles, into_faces
+from datafactory.paths.bodies import Body, components, fold_angles, into_faces
 from datafactory.paths.merged_scene import found_once
-
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from shared.physics.vectors import Index, Mask, Real
 
 SMOOTH_FOLD_DEG = 25.0
 """Largest angle between the planes of neighbouring facets of a smooth surface: a round body of 15 facets or more."""
@@ -82,7 +76,7 @@ class SmoothFacets:
 def smooth_facets(body: Body) -> SmoothFacets:
     """The curved surfaces of a body, found once."""
     fold = np.degrees(fold_angles(body))
-    facet = _components(len(body.triangles), body.faces[fold < FLAT_FOLD_DEG])
+    facet = components(len(body.triangles), body.faces[fold < FLAT_FOLD_DEG])
     width = _widths(body, facet)
     alike = ~body.rim & (width.max(axis=1) <= WIDTH_RATIO * width.min(axis=1))
     joined = (fold < FLAT_FOLD_DEG) | (alike & (fold <= SMOOTH_FOLD_DEG))
@@ -97,14 +91,6 @@ def smooth_facets(body: Body) -> SmoothFacets:
     goes_on = smooth[:, None] | (tangent[:, None] & (WIDTH_RATIO * width < width[:, ::-1]))
     coarse = _coarse(body, facet, surface, sharper)
     return SmoothFacets(surface, turned, smooth, goes_on, coarse)
-
-
-def _components(count: int, links: Index) -> Index:
-    """[count] number of the connected component of each item; links [L, 2]."""
-    if not count:
-        return np.zeros(0, dtype=np.int64)
-    graph = coo_array((np.ones(len(links)), (links[:, 0], links[:, 1])), shape=(count, count))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
 def _widths(body: Body, facet: Index) -> Real:
@@ -147,7 +133,7 @@ def _oriented_components(body: Body, edges: Index) -> tuple[Index, Mask]:
             np.stack([one + count, np.where(alike, other + count, other)], axis=1),
         ]
     )
-    both = _components(2 * count, links)
+    both = components(2 * count, links)
     as_is, turned_over = both[:count], both[count:]
     # The two copies of a component carry two numbers; the smaller one names it, and the copies that have it its side.
     return np.where(as_is == turned_over, -1, np.minimum(as_is, turned_over)), as_is > turned_over
@@ -209,6 +195,6 @@ def _coarse(body: Body, facet: Index, surface: Index, sharper: Mask) -> int:
     flat = (surface[body.faces] < 0).all(axis=1) if len(body.faces) else sharper
     links = body.faces[flat & sharper]
     bent = np.unique(facet[links])
-    groups = _components(int(facet.max(initial=-1)) + 1, facet[links].reshape(-1, 2))
+    groups = components(int(facet.max(initial=-1)) + 1, facet[links].reshape(-1, 2))
     sizes = np.bincount(groups[bent])
     return int(sizes[sizes >= COARSE_FACETS].sum())

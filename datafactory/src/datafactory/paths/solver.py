@@ -34,6 +34,7 @@ from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR
 from datafactory.scenes.materials.table import Material
 from datafactory.scenes.poses import Pose
+from shared.physics.vectors import Complex, Index, Mask, Real
 from shared.radar.front_end import Polarization
 
 PATTERNS: dict[str, dict[str, Any]] = {
@@ -120,13 +121,13 @@ class TraceSettings:
 class Bundle(Columns):
     """Traced paths: n of them, vertices from TX to RX, crossings of panes taken out."""
 
-    vertices: NDArray[np.float64]  # [n, depth, 3]
-    interactions: NDArray[np.int64]  # [n, depth] SPECULAR or DIFFUSE, 0 beyond the path's end
-    objects: NDArray[np.int64]  # [n, depth] index into the merged scene's objects, -1 beyond the end
-    triangles: NDArray[np.int64]  # [n, depth] index into the merged scene's triangles, -1 beyond the end
-    velocities: NDArray[np.float64]  # [n, depth, 3] relative to the radar
-    crossings: NDArray[np.int64]  # [n] panes passed
-    amplitude: NDArray[np.complex128]  # [n]
+    vertices: Real  # [n, depth, 3]
+    interactions: Index  # [n, depth] SPECULAR or DIFFUSE, 0 beyond the path's end
+    objects: Index  # [n, depth] index into the merged scene's objects, -1 beyond the end
+    triangles: Index  # [n, depth] index into the merged scene's triangles, -1 beyond the end
+    velocities: Real  # [n, depth, 3] relative to the radar
+    crossings: Index  # [n] panes passed
+    amplitude: Complex  # [n]
 
     @staticmethod
     def none(depth: int) -> Bundle:
@@ -168,11 +169,6 @@ class Solved:
     bundle: Bundle
     invalid: int
     truncated: int
-
-    @staticmethod
-    def nothing() -> Solved:
-        """Of a frame without anything for the solver."""
-        return Solved(Bundle.none(1), 0, 0)
 
 
 def radio_scene(geometry: Geometry, slabs: Slabs, settings: TraceSettings) -> Any:
@@ -279,9 +275,7 @@ def _rays_of_fan(fan: RayFan) -> Iterator[None]:
             module.fibonacci_lattice = original
 
 
-def _bundle_of(
-    paths: Any, valid: NDArray[np.bool_], shapes: dict[int, int], merged_scene: MergedScene, pose: Pose
-) -> Bundle:
+def _bundle_of(paths: Any, valid: Mask, shapes: dict[int, int], merged_scene: MergedScene, pose: Pose) -> Bundle:
     """The valid paths as float64, with the radar's own motion taken off the objects' velocities."""
 
     def columns(values: Any) -> NDArray:
@@ -294,12 +288,11 @@ def _bundle_of(
     rotation = pose.rotation()
     objects, triangles = np.full((2, *shape.shape), -1, dtype=np.int64)
     velocities = np.zeros(vertices.shape)
-    first = np.cumsum([0, *(len(mesh.triangles) for mesh in merged_scene.meshes)])
     for object_id, index in shapes.items():
         mesh = merged_scene.meshes[index]
         here = (shape == object_id) & (interactions > 0)
         objects[here] = mesh.object_of_triangle[primitive[here]]
-        triangles[here] = first[index] + primitive[here]
+        triangles[here] = merged_scene.first[index] + primitive[here]
         velocities[here] = (mesh.velocity - np.asarray(pose.velocity)) @ rotation
         if mesh.turned is not None:
             of_mesh = np.zeros((len(merged_scene.meshes), 3))

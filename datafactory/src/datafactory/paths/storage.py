@@ -26,6 +26,7 @@ from datafactory.scenes.poses import Pose
 from shared.dataset.locations import Location
 from shared.dataset.reading import open_shard
 from shared.physics.errors import InputError
+from shared.physics.vectors import Mask, Real
 
 OF_BOTH: dict[str, tuple[int, ...]] = {"amplitude": (2,), "depth": (), "object_index": (), "kinds": (), "candidate": ()}
 SHAPES = {
@@ -34,16 +35,14 @@ SHAPES = {
         "between_rate_mps": (), **OF_BOTH,
     },
     "specular": {"image": (3,), "image_velocity": (3,), "axes": (3, 3), **OF_BOTH},
+    "candidates": {"family": (), "departure": (3,), "arrival": (3,), "range_m": (), "power": ()},
 }  # fmt: skip
 """Trailing shape of each list column; ``amplitude`` holds (real, imaginary), ``tx_point`` as many as are marked."""
-TWO_POINTS, ARRAYS = "scattered_two_points", ("scattered_", "specular_", "candidates_")
+TWO_POINTS = "scattered_two_points"
 CONSTANT = ("tx_velocity", "rx_velocity", "between_m", "between_rate_mps", "image_velocity")
 """Columns with few values, most of them that of the standing world."""
 
-INTEGERS = {"depth": np.int8, "object_index": np.int32, "kinds": np.uint8, "candidate": np.int32}
-
-CANDIDATES = {"family": (), "departure": (3,), "arrival": (3,), "range_m": (), "power": ()}
-"""Trailing shape of each list column of the :class:`datafactory.paths.candidates.Candidates`."""
+INTEGERS = {"depth": np.int8, "object_index": np.int32, "kinds": np.uint8, "candidate": np.int32, "family": np.uint8}
 
 VERSION = b"8"
 """Of the paths' columns; 2 added ``kinds``, 3 ``scene_number``, 4 ``sequence``, 5 ``things``, 6
@@ -103,11 +102,9 @@ def paths_schema() -> pa.Schema:
         )
     ]  # fmt: skip
     for kind, columns in SHAPES.items():
-        for name in columns:
-            fields.append(pa.field(f"{kind}_{name}", pa.list_(pa.int32() if name in INTEGERS else pa.float64())))
-    fields.append(pa.field(TWO_POINTS, pa.list_(pa.bool_())))
-    for name in CANDIDATES:
-        fields.append(pa.field(f"candidates_{name}", pa.list_(pa.uint8() if name == "family" else pa.float32())))
+        whole, real = (pa.uint8(), pa.float32()) if kind == "candidates" else (pa.int32(), pa.float64())
+        fields += [pa.field(f"{kind}_{name}", pa.list_(whole if name in INTEGERS else real)) for name in columns]
+    fields.insert(-len(SHAPES["candidates"]), pa.field(TWO_POINTS, pa.list_(pa.bool_())))
     return pa.schema(fields, metadata={b"sparseradar_paths": VERSION})
 
 
@@ -117,8 +114,7 @@ def writer_options() -> dict[str, Any]:
     What that saves: docs/own-radar.md.
     """
     columns = [(f"{kind}_{name}", name) for kind, names in SHAPES.items() for name in names]
-    columns += [(f"candidates_{name}", name) for name in CANDIDATES]
-    whole = {*CONSTANT, *INTEGERS, "family"}
+    whole = {*CONSTANT, *INTEGERS}
     few = [f"{column}.list.element" for column, name in columns if name in whole]
     many = [f"{column}.list.element" for column, name in columns if name not in whole]
     return {"compression": "zstd", "use_dictionary": few, "use_byte_stream_split": many, "write_statistics": False}
@@ -147,12 +143,10 @@ def to_row(frame: TracedFrame) -> dict[str, Any]:
                 values = values[two_points]
             row[f"{kind}_{name}"] = np.ascontiguousarray(values).ravel()
     row[TWO_POINTS] = two_points
-    for name in CANDIDATES:
-        row[f"candidates_{name}"] = np.ascontiguousarray(getattr(table.candidates, name)).ravel()
     return row
 
 
-def _differ(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _differ(first: Real, second: Real) -> Mask:
     """[K] whether two vectors [K, 3] differ in any bit."""
     ours, theirs = (np.ascontiguousarray(vectors, dtype=np.float64).view(np.int64) for vectors in (first, second))
     return np.any(ours != theirs, axis=1, keepdims=True)[:, 0]
@@ -167,15 +161,15 @@ def from_row(batch: pa.RecordBatch) -> TracedFrame:
 
     parts: dict[str, dict[str, Any]] = {}
     for kind, columns in SHAPES.items():
-        parts[kind] = {}
+        real, parts[kind] = np.float32 if kind == "candidates" else np.float64, {}
         for name, shape in columns.items():
-            values = values_of(f"{kind}_{name}").astype(INTEGERS.get(name, np.float64), copy=False).reshape(-1, *shape)
+            values = values_of(f"{kind}_{name}").astype(INTEGERS.get(name, real), copy=False).reshape(-1, *shape)
             parts[kind][name] = values[:, 0] + 1j * values[:, 1] if name == "amplitude" else values
     scattered = parts["scattered"]
     two_points = values_of(TWO_POINTS).astype(bool)
     scattered["tx_point"] = _with_one_point(scattered["tx_point"], scattered["rx_point"], two_points)
-    candidates = {name: values_of(f"candidates_{name}").reshape(-1, *shape) for name, shape in CANDIDATES.items()}
-    (row,) = batch.select([field.name for field in batch.schema if not field.name.startswith(ARRAYS)]).to_pylist()
+    arrays = tuple(f"{kind}_" for kind in SHAPES)
+    (row,) = batch.select([field.name for field in batch.schema if not field.name.startswith(arrays)]).to_pylist()
     yaw, pitch, roll = row["yaw_pitch_roll_deg"]
     return TracedFrame(
         **{name: row[name] for name in AS_IT_IS},
@@ -185,15 +179,13 @@ def from_row(batch: pa.RecordBatch) -> TracedFrame:
             specular=SpecularPaths(**parts["specular"]),
             objects=tuple(row["objects"]),
             counts=dict(row["counts"]),
-            candidates=Candidates(**candidates),
+            candidates=Candidates(**parts["candidates"]),
         ),
         things=tuple(_thing(values) for values in row["things"]),
     )
 
 
-def _with_one_point(
-    stored: NDArray[np.float64], rx_point: NDArray[np.float64], two_points: NDArray[np.bool_]
-) -> NDArray[np.float64]:
+def _with_one_point(stored: Real, rx_point: Real, two_points: Mask) -> Real:
     """[K, 3] first points: those stored where a path has two, else its last point."""
     if len(two_points) != len(rx_point) or np.count_nonzero(two_points) != len(stored):
         raise ValueError(f"{len(stored)} first points and {len(two_points)} marks for {len(rx_point)} paths")

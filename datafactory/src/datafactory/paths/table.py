@@ -34,10 +34,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from datafactory.paths.candidates import Candidates
 from datafactory.paths.columns import Columns
-from shared.physics.vectors import lengths
+from shared.physics.vectors import Complex, Real, lengths
 from shared.radar import FrontEnd, Radar
-
-Real = NDArray[np.float64]
 
 SPECULAR, DIFFUSE, REFRACTED, DIFFRACTED, TARGET = 1, 2, 4, 8, 16
 """Kinds of interaction on a path, Sionna's codes; a path carries the sum of those it has, each counted once."""
@@ -60,7 +58,7 @@ class _Paths(Columns):
         whatever a radar notices
     """
 
-    amplitude: NDArray[np.complex128] = field(kw_only=True)
+    amplitude: Complex = field(kw_only=True)
     depth: NDArray[np.int8] = field(kw_only=True)
     object_index: NDArray[np.int32] = field(kw_only=True)
     kinds: NDArray[np.uint8] = field(kw_only=True)
@@ -155,7 +153,7 @@ class SpecularPaths(_Paths):
         image: Real,
         image_velocity: Real,
         axes: Real,
-        amplitude: NDArray[np.complex128],
+        amplitude: Complex,
         object_index: NDArray[np.int32],
         kinds: NDArray[np.uint8] | int,
         depth: int = 1,

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.paths.candidates import TARGET_MIRRORED, TARGET_SEEN, Candidates
-from datafactory.paths.diffraction import Sight
+from datafactory.paths.diffraction import Heard
 from datafactory.paths.echo_points import Seen, all_echo_points
 from datafactory.paths.mirrored_targets import DirectWays, echoes_over_mirrors
 from datafactory.paths.panes import FAINTEST, panes_between
@@ -16,6 +15,7 @@ from datafactory.paths.round_corners import Hidden, echoes_round_corners
 from datafactory.paths.table import REFRACTED, TARGET, ScatteredPaths, SpecularPaths
 from datafactory.paths.view import EDGES_WITHIN_M, View
 from shared.physics.units import db_to_power
+from shared.physics.vectors import Mask, Real, lengths
 
 FAINTEST_ECHO = 1e-2 / EDGES_WITHIN_M**4
 """Cross section over the fourth power of the distance [1/m^2] below which a target in plain sight is left out: as faint
@@ -44,7 +44,12 @@ class TargetEchoes:
         self._view, settings, pose = view, view.settings, view.pose
         crossed = settings.polarization[0] != settings.polarization[1]
         self._circumstances = Seen(view.wavelength_m, pose.time_s, crossed, seed)
-        self._loudness = _loudness(view)
+        targets = view.merged.targets
+        self._away = (
+            np.array([target.position for target in targets]).reshape(-1, 3) - np.asarray(pose.position)
+        ) @ view.rotation
+        self._nominal = np.array([float(db_to_power(target.rcs_dbsm)) for target in targets])
+        self._loudness = self._nominal / np.maximum(lengths(self._away) ** 4, np.finfo(float).tiny)
         points = all_echo_points(view.merged.targets, pose.position, self._circumstances)
         self._points = points = points.take((self._loudness >= FAINTEST_ECHO)[points.target])
         self._position = (points.position - np.asarray(pose.position)) @ view.rotation
@@ -55,11 +60,11 @@ class TargetEchoes:
         )
 
     @property
-    def _amplitude(self) -> NDArray[np.float64]:
+    def _amplitude(self) -> Real:
         """[K] of the echo points in plain sight."""
         distance = np.where(self._range_m > 0.0, self._range_m, 1.0)
         wavelength = self._circumstances.wavelength_m
-        amplitude: NDArray[np.float64] = wavelength * np.sqrt(self._points.rcs_m2) / (4.0 * np.pi) ** 1.5 / distance**2
+        amplitude: Real = wavelength * np.sqrt(self._points.rcs_m2) / (4.0 * np.pi) ** 1.5 / distance**2
         return amplitude
 
     @property
@@ -68,40 +73,27 @@ class TargetEchoes:
         itself = Candidates.of(TARGET_SEEN, self._position, self._amplitude**2)
         if not self._over_mirrors:
             return itself
-        view, targets = self._view, self._view.merged.targets
-        whole = np.bincount(self._points.target, self._points.rcs_m2, len(targets))
-        nominal = np.array([float(db_to_power(target.rcs_dbsm)) for target in targets])
-        away = (np.array([target.position for target in targets]) - np.asarray(view.pose.position)) @ view.rotation
-        of_sight = self._circumstances.wavelength_m**2 * np.maximum(whole, nominal) / (4.0 * np.pi) ** 3
-        power = MIRRORED_MORE * of_sight / np.maximum(np.linalg.norm(away, axis=1), 1e-3) ** 4
+        whole = np.bincount(self._points.target, self._points.rcs_m2, len(self._nominal))
+        of_sight = self._circumstances.wavelength_m**2 * np.maximum(whole, self._nominal) / (4.0 * np.pi) ** 3
+        power = MIRRORED_MORE * of_sight / np.maximum(lengths(self._away), 1e-3) ** 4
         heard = self._loudness >= FAINTEST_ECHO
-        return Candidates.joined([itself, Candidates.of(TARGET_MIRRORED, away, np.where(heard, power, 0.0))])
+        return Candidates.joined([itself, Candidates.of(TARGET_MIRRORED, self._away, np.where(heard, power, 0.0))])
 
-    def seen(
-        self, sight: Sight, worth: NDArray[np.bool_] | None = None
-    ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
-        """The echoes, no paths without a scattering point, and the numbers of those left out.
-
-        :param worth: which of the candidates are followed; None for all
-        """
+    def seen(self, worth: Mask) -> Heard:
+        """The echoes, no paths without a scattering point, and the numbers of those left out."""
         view, points, position = self._view, self._points, self._position
         settings, merged = view.settings, view.merged
         count = len(points.rcs_m2)
-        itself, mirrored = np.ones(count, dtype=bool), np.ones(len(merged.targets), dtype=bool)
-        if worth is not None:
-            itself, mirrored = worth[:count], worth[count:] if self._over_mirrors else ~mirrored
-        over_mirrors = mirrored[points.target] if self._over_mirrors else np.zeros(count, dtype=bool)
+        itself = worth[:count]
+        over_mirrors = worth[count:][points.target] if self._over_mirrors else np.zeros(count, dtype=bool)
         tried = np.flatnonzero((self._range_m > 0.0) & (itself | over_mirrors))
         clear = np.zeros(count, dtype=bool)
-        clear[tried] = sight(np.zeros((len(tried), 3)), position[tried])
+        clear[tried] = view.sight(np.zeros((len(tried), 3)), position[tried])
         out, back = clear.astype(np.complex128), clear.astype(np.complex128)
         kinds = np.full(count, TARGET, dtype=np.uint8)
         behind = tried[~clear[tried]]
         if settings.refraction and len(behind):
-            ways = {
-                which: panes_between(view, position[behind], which).factor
-                for which in dict.fromkeys(settings.polarization)
-            }
+            ways = {which: panes_between(view, position[behind], which) for which in set(settings.polarization)}
             out[behind], back[behind] = (ways[which] for which in settings.polarization)
             kinds[behind] |= REFRACTED
         in_sight = np.abs(out * back) > FAINTEST**2
@@ -122,9 +114,7 @@ class TargetEchoes:
         hidden &= loud
         if settings.diffraction and hidden.any():
             behind_edges = Hidden(position[hidden], self._velocity[hidden], points.rcs_m2[hidden], index[hidden])
-            round_corners, more = echoes_round_corners(
-                view.edges, view.slabs, sight, behind_edges, settings.polarization
-            )
+            round_corners, more = echoes_round_corners(view, behind_edges)
             parts.append(replace(round_corners, candidate=number[hidden][round_corners.candidate]))
             counts |= more
         if over_mirrors.any():
@@ -134,12 +124,3 @@ class TargetEchoes:
             parts.append(replace(echoes, candidate=of_target))
             counts |= more
         return ScatteredPaths.joined(parts), SpecularPaths.none(), counts
-
-
-def _loudness(view: View) -> NDArray[np.float64]:
-    """[T] nominal cross section of every target over the fourth power of its distance [1/m^2]."""
-    targets = view.merged.targets
-    away = np.array([target.position for target in targets]).reshape(-1, 3) - np.asarray(view.pose.position)
-    fourth = np.maximum(np.einsum("ti,ti->t", away, away) ** 2, np.finfo(float).tiny)
-    nominal: NDArray[np.float64] = db_to_power([target.rcs_dbsm for target in targets]) / fourth
-    return nominal

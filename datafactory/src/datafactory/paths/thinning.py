@@ -20,16 +20,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable
 from shared.physics.compiled import compiled, inlined
 from shared.physics.units import db_to_power
+from shared.physics.vectors import Index, Mask, Real
 from shared.radar import Radar
 
 BITS = 13
 """Of a digit: the counts of its values, 4 bytes each, fill a first-level cache of 32 KiB."""
-Real = NDArray[np.float64]
 RANGE_CELL_M = 0.15
 U_CELL = 1.0 / 128.0
 RATE_CELL_MPS = 0.19
@@ -95,9 +94,7 @@ def cell_of(range_m, u, range_rate_mps):
     return ((row << 9) + column << 18) + int(np.rint(range_rate_mps / RATE_CELL_MPS)) + 2**17
 
 
-def thinned(
-    cell: NDArray[np.int64], power: Real, most: int, random: np.random.Generator
-) -> tuple[NDArray[np.int64], Real]:
+def thinned(cell: Index, power: Real, most: int, random: np.random.Generator) -> tuple[Index, Real]:
     """Indices [k] of the paths that are kept, rising, and the factors [k] on their powers.
 
     :param cell: [n] number of each path's cell; :param power: [n] at least 0; those without are left out
@@ -169,7 +166,7 @@ def pruned(paths: PathTable, radar: Radar, level_db: float = DEFAULT_LEVEL_DB) -
     return replace(paths, scattered=scattered.take(keep), counts=counts)
 
 
-def _negligible(power: NDArray[np.float64], group: NDArray[np.int64], share: float) -> NDArray[np.bool_]:
+def _negligible(power: Real, group: Index, share: float) -> Mask:
     """[K] whether a member belongs to the weakest of its group that hold at most ``share`` of the group's power."""
     if not len(group):
         return np.zeros(0, dtype=bool)
@@ -192,7 +189,7 @@ def _weakest(order, group, power, total, share):
     return result
 
 
-def _by_group_and_power(group: NDArray[np.int64], power: NDArray[np.float64]) -> NDArray[np.int64]:
+def _by_group_and_power(group: Index, power: Real) -> Index:
     """``np.lexsort((power, group))``: floats from 0 on rise with their bits."""
     order = rising(power.view(np.int64))
     return order[rising(group[order])]

@@ -17,12 +17,10 @@ served, or every effect is asked for, all candidates are followed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.paths.aim import aimed
 from datafactory.paths.arrivals import Arrivals
@@ -34,7 +32,7 @@ from datafactory.paths.corner_point_echoes import CornerPointEchoes
 from datafactory.paths.corner_points import points_of
 from datafactory.paths.curved_echoes import curved_mirrors
 from datafactory.paths.curved_surfaces import curved_surfaces_of
-from datafactory.paths.diffraction import EdgeEchoes, Sight
+from datafactory.paths.diffraction import EdgeEchoes
 from datafactory.paths.edges import edges_of
 from datafactory.paths.geometry import Geometry, placed
 from datafactory.paths.merged_scene import MergedScene
@@ -51,21 +49,9 @@ from datafactory.paths.targets import TargetEchoes
 from datafactory.paths.view import View
 from datafactory.scenes.poses import Pose
 
-
-class Listed(Protocol):
-    """Echoes of which a frame knows a list."""
-
-    @property
-    def candidates(self) -> Candidates:
-        """With their bounds, nothing tested for visibility."""
-
-    def seen(
-        self, sight: Sight, worth: NDArray[np.bool_] | None = None
-    ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
-        """Those that are in sight, their candidates numbers in the list, and counts.
-
-        :param worth: which of the candidates are followed; None for all
-        """
+Listed = TargetEchoes | EdgeEchoes | CornerEchoes | CornerPointEchoes
+"""Echoes of which a frame knows a list: ``candidates`` with their bounds, nothing tested for visibility, and ``seen``,
+those of the candidates that are worth it and in sight."""
 
 
 @dataclass
@@ -76,18 +62,13 @@ class _Found:
     specular: list[SpecularPaths] = field(default_factory=lambda: [SpecularPaths.none()])
     counts: dict[str, int] = field(default_factory=dict)
 
-    def add(
-        self, scattered: Sequence[ScatteredPaths] = (), specular: Sequence[SpecularPaths] = (), first: int | None = None
-    ) -> None:
-        """More paths.
-
-        :param first: index of the first of their candidates among the frame's; None of those that have none
-        """
-        for part in scattered:
-            self.scattered.append(part if first is None else replace(part, candidate=part.candidate + np.int32(first)))
-        for mirrors in specular:
-            moved = mirrors if first is None else replace(mirrors, candidate=mirrors.candidate + np.int32(first))
-            self.specular.append(moved)
+    def add(self, *parts: ScatteredPaths | SpecularPaths) -> None:
+        """More paths."""
+        for part in parts:
+            if isinstance(part, ScatteredPaths):
+                self.scattered.append(part)
+            else:
+                self.specular.append(part)
 
     def table(self, **more: Any) -> PathTable:
         """All of them."""
@@ -126,7 +107,11 @@ def trace(
         second = SecondBounces(first, seed) if settings.depth > 1 else None
         _add_scattered(found, first.echoes().thinned(seed), view, fan)
     if settings.specular:
-        _add_single_mirrors(found, view)
+        # Flat mirrors and curved ones, those beyond panes among them: these go with what else is beyond panes.
+        singles, counts = single_mirrors(view)
+        points, images, of_curved = curved_mirrors(view)
+        found.add(points, singles, images)
+        found.counts |= counts | of_curved
     listed = _listed(view, target_seed)
     groups = {PANE: panes, **dict.fromkeys((MIRRORED, TWICE, CHAIN), Candidates.none())}
     groups |= second.candidates() if second is not None else {}
@@ -137,8 +122,9 @@ def trace(
         worth = notice.worth(candidates, notice.limit_w(found.table()))
     places = np.cumsum([0, *map(len, parts)])
     for source, start, stop in zip(listed, places, places[1:], strict=False):
-        scattered, specular, counts = source.seen(view.sight, worth[start:stop])
-        found.add([scattered], [specular], int(start))
+        *paths, counts = source.seen(worth[start:stop])
+        moved: Any = [replace(part, candidate=part.candidate + np.int32(start)) for part in paths]
+        found.add(*moved)
         found.counts |= counts
     begins = dict(zip(groups, places[len(listed) :], strict=False))
     followed = {group: int(start) for group, start in begins.items() if worth[start]}
@@ -169,20 +155,10 @@ def _listed(view: View, target_seed: int) -> list[Listed]:
     if settings.point_targets:
         listed.append(TargetEchoes(view, target_seed))
     if settings.diffraction:
-        rims = settings.finite_mirrors and settings.specular
-        listed.append(EdgeEchoes(view.edges, view.slabs, settings.polarization, rims))
+        listed.append(EdgeEchoes(view))
     if settings.corners:
-        listed.append(CornerEchoes(view.corner_edges, view.slabs, settings.polarization))
-        listed.append(CornerPointEchoes(view.corner_points, view.slabs, settings.polarization))
+        listed += [CornerEchoes(view), CornerPointEchoes(view)]
     return listed
-
-
-def _add_single_mirrors(found: _Found, view: View) -> None:
-    """Flat mirrors and curved ones, those beyond panes among them: these go with what else is beyond panes."""
-    singles, counts = single_mirrors(view)
-    points, images, of_curved = curved_mirrors(view)
-    found.add([points], [singles, images])
-    found.counts |= counts | of_curved
 
 
 def _add_scattered(found: _Found, part: Bundle, view: View, fan: RayFan, group: int | None = None) -> None:
@@ -192,7 +168,7 @@ def _add_scattered(found: _Found, part: Bundle, view: View, fan: RayFan, group: 
     """
     name = "scattered_twice" if part.scatterings > 1 else "scattered_once"
     found.counts[name] += len(part.amplitude)
-    found.add([_of_group(rows, group) for rows in scattered_rows(with_surfaces(part, view), fan)])
+    found.add(*(_of_group(rows, group) for rows in scattered_rows(with_surfaces(part, view), fan)))
 
 
 def _add_chains(found: _Found, view: View, kept: Geometry, fan: RayFan, seed: int, followed: dict[int, int]) -> None:
@@ -217,7 +193,7 @@ def _add_chains(found: _Found, view: View, kept: Geometry, fan: RayFan, seed: in
     for group, bundle in groups.items():
         for depth in range(2, bundle.interactions.shape[1] + 1):
             part = bundle.of_bounces(depth).in_fixed_order()
-            found.add([], [_of_group(specular_rows(with_surfaces(part, view)), followed[group])])
+            found.add(_of_group(specular_rows(with_surfaces(part, view)), followed[group]))
     found.counts |= {
         "traced": sum(len(bundle) for bundle in groups.values()),
         "truncated": max((item.truncated for item in solved.values()), default=0),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,32 +18,20 @@ from datafactory.paths.corner_points import CornerPoints, points_of
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.edges import WedgeEdges, edges_of
 from datafactory.paths.facets import mirrors_of, reflected_share
-from datafactory.paths.geometry import clear_between, first_hits, mesh_of_shape
-from datafactory.paths.merged_scene import MergedScene, velocities_on
+from datafactory.paths.geometry import clear_between, first_hits, mesh_of_shape, ray_margin_m
+from datafactory.paths.merged_scene import MergedScene, owners_of, velocities_on
 from datafactory.paths.scattering import has_lobes
-from datafactory.paths.slabs import Slabs
+from datafactory.paths.slabs import Slabs, onto_planes
 from datafactory.paths.solver import TraceSettings
-from datafactory.paths.wave_steps import onto_planes
 from datafactory.scenes.poses import Pose
-from shared.physics.vectors import dots, taken
+from shared.physics.vectors import Complex, Index, Mask, Real, dots, lengths, taken
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Index = NDArray[np.int64]
 EDGES_WITHIN_M = 200.0
 """Farther edges and corners are left out [m]: at -20 dBsm they are 25 dB below a car radar's noise."""
 
 
-class Rising(Columns):
-    """Taken by rising indices alone: as many as there are, are all of them."""
-
-    def take(self, index: Index) -> Self:
-        """Those at these indices, which rise."""
-        return self if len(index) == len(self) else super().take(index)
-
-
 @dataclass(frozen=True)
-class Waves(Rising):
+class Waves(Columns):
     """n waves on their way.
 
     :param start: [n, 3] [m]; :param lifted: [n, 3] the same clear of the surface that the wave left, for float32
@@ -77,7 +65,7 @@ class Waves(Rising):
 
 
 @dataclass(frozen=True)
-class Hits(Rising):
+class Hits(Columns):
     """Where n waves arrived.
 
     :param point: [n, 3] [m]; :param normal: [n, 3] unit, on the side of arrival
@@ -91,6 +79,10 @@ class Hits(Rising):
     mesh: Index
     cosine: Real
     distance: Real
+
+    def clear(self, side: float) -> Real:
+        """[n, 3] the points off their surfaces by the ray caster's error: 1 on the side of arrival, -1 behind."""
+        return self.point + side * ray_margin_m(lengths(self.point))[:, None] * self.normal
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +113,7 @@ class View:
     @cached_property
     def moved(self) -> Real:
         """[M, 3] what brings each mesh from its place at time 0 to the radar's origin, world [m]."""
-        return np.array([mesh.shift for mesh in self.merged.meshes]).reshape(-1, 3) - np.asarray(self.pose.position)
+        return self.merged.shifts - np.asarray(self.pose.position)
 
     @cached_property
     def corners(self) -> Real:
@@ -147,8 +139,7 @@ class View:
     @cached_property
     def owner(self) -> NDArray[np.int32]:
         """[T] index into ``MergedScene.objects`` of every triangle."""
-        every = [mesh.object_of_triangle for mesh in self.merged.meshes]
-        return np.concatenate([np.zeros(0, np.int32), *every]).astype(np.int32)
+        return owners_of(self.merged)
 
     @cached_property
     def edges(self) -> WedgeEdges:
@@ -174,20 +165,14 @@ class View:
         return meshes
 
     @cached_property
-    def first(self) -> Index:
-        """[M + 1] where each mesh's triangles begin."""
-        return np.cumsum([0, *(len(mesh.triangles) for mesh in self.merged.meshes)])
-
-    @cached_property
-    def lobes(self) -> NDArray[np.bool_]:
+    def lobes(self) -> Mask:
         """[M] whether what a mesh scatters has lobes."""
         return np.array([has_lobes(slab.pattern) for slab in self.slabs.materials], dtype=bool)
 
     @cached_property
     def _velocity(self) -> Real:
         """[M, 3] of the meshes that do not turn, relative to the radar [m/s]."""
-        velocity = np.array([mesh.velocity for mesh in self.merged.meshes]).reshape(-1, 3)
-        return (velocity - np.asarray(self.pose.velocity)) @ self.rotation
+        return (self.merged.velocities - np.asarray(self.pose.velocity)) @ self.rotation
 
     def velocity(self, triangle: Index, point: Real) -> Real:
         """[n, 3] velocities relative to the radar of points [n, 3] on triangles [n] [m/s]."""
@@ -199,7 +184,7 @@ class View:
         mirrors, towards = mirrors_of(self.merged), arrival @ self.rotation.T
         return reflected_share(mirrors, triangle, at_rest, towards, before_m, after_m, self.wavelength_m)
 
-    def sight(self, start: Real, end: Real) -> NDArray[np.bool_]:
+    def sight(self, start: Real, end: Real) -> Mask:
         """[K] whether nothing stands between points [K, 3] and [K, 3]."""
         return clear_between(self.geometry, start, end)
 
@@ -212,17 +197,9 @@ class View:
         met = first_hits(self.geometry, waves.lifted, waves.direction, reach, normals=False)
         valid = np.flatnonzero(met.valid)
         mesh = self.mesh_of_number[met.shape[valid]]
-        triangle = self.first[mesh] + met.primitive[valid]
+        triangle = self.merged.first[mesh] + met.primitive[valid]
         point, normal, cosine, distance = onto_planes(
             valid, waves.start, waves.direction, met.distance, triangle, self.normals, self.heights
         )
         good = np.flatnonzero(cosine > 0.0)
         return valid[good], Hits(point, normal, triangle, mesh, cosine, distance).take(good)
-
-    def reflection(self, hits: Hits) -> tuple[Complex, Complex]:
-        """R of the surfaces, TE [n] and TM [n], were they smooth."""
-        return self.slabs.reflection(hits.mesh, hits.cosine)
-
-    def transmission(self, hits: Hits) -> tuple[Complex, Complex]:
-        """T of the surfaces, TE [n] and TM [n], over that of the air in their place; the same in both senses."""
-        return self.slabs.transmission(hits.mesh, hits.cosine)

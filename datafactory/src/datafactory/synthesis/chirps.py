@@ -13,13 +13,10 @@ from jaxtyping import Complex, Float64
 from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable, ScatteredPaths
-from datafactory.synthesis.motion import Part, centre, instants, parts_of, reach_bins, rx_blocks, sweep_of
+from datafactory.synthesis.motion import Part, Recording, centre
 from datafactory.synthesis.sorting import FLOAT32_TOLERANCE, crowd_limit, range_cells
 from datafactory.synthesis.spread import Sensor, add_moments, add_to_grid, columns, empty_moments, padded
-from shared.radar import Radar
-from shared.radar.arrays import AntennaArray
 from shared.radar.waveform import Waveform
-from shared.signal import chirp_times
 from shared.signal.sweep import (
     shift_error_rms,
     shift_weights,
@@ -34,27 +31,19 @@ APPROXIMATION = 0.8
 
 
 def cube_by_chirps(
-    paths: PathTable,
-    radar: Radar,
-    tolerance: float,
-    array: AntennaArray,
-    threads: int,
-    intra_chirp: bool,
-    chirps: int,
-    dtype: type,
+    paths: PathTable, recording: Recording, threads: int, chirps: int, dtype: type
 ) -> Complex[np.ndarray, "{chirps} samples rx tx"]:
     """The first chirps of the IF signal.
 
     :param threads: chirps worked on at once
     :param dtype: np.complex64 or np.complex128
     """
-    waveform = radar.waveform
+    waveform, array = recording.waveform, recording.array
     cube: NDArray = np.zeros((chirps, waveform.samples, len(array.rx_m), len(array.tx_m)), dtype=dtype)
-    times = chirp_times(radar.model_copy(update={"array": array}))[:, :chirps]
-    parts = [(_by_cell(part.paths, waveform), part) for part in parts_of(paths, array, times)]
+    parts = [(_by_cell(part.paths, waveform), part) for part in recording.parts_of(paths, chirps)]
     if parts:
-        tasks = [(block, chirp) for block in exact_blocks(array, waveform, tolerance) for chirp in range(chirps)]
-        work = partial(_add_chirps, cube, parts, radar, array, intra_chirp)
+        tasks = [(block, chirp) for block in exact_blocks(recording) for chirp in range(chirps)]
+        work = partial(_add_chirps, cube, parts, recording)
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(work, [tasks[first::threads] for first in range(threads)]))
     return cube
@@ -84,45 +73,54 @@ Block = tuple[slice, Float64[np.ndarray, " samples"], NDArray]
 [taps, terms], complex where there is a residual video phase."""
 
 
-def exact_blocks(array: AntennaArray, waveform: Waveform, tolerance: float) -> list[Block]:
+def exact_blocks(recording: Recording) -> list[Block]:
     """The blocks of an array."""
     blocks = []
-    for elements in rx_blocks(array, waveform.bandwidth_hz):
-        reach = sum(reach_bins(part, waveform.bandwidth_hz) for part in (array.tx, array.rx[elements]))
+    for elements in recording.rx_blocks():
+        reach = recording.reach_bins(recording.array.tx) + recording.reach_bins(recording.array.rx[elements])
         # Rounded up: blocks of one width differ in the last digits alone, and then share their weights.
         reach = float(np.ceil((0.5 / OVERSAMPLING + reach) * 1e6) * 1e-6)
-        blocks.append((elements, *_weights(waveform, reach, tolerance)))
+        blocks.append((elements, *_weights(recording.waveform, reach, recording.tolerance)))
     return blocks
 
 
-def terms_for(reach_bins: float, tolerance: float, samples: int = 1024) -> int:
-    """Least even number of moments whose mean error over the sweep stays below its share of the tolerance.
+def terms_for(reach_bins: float, error: float, samples: int) -> int:
+    """Least even number of moments whose mean error over the sweep stays below ``error``.
 
     Even numbers alone, because a kernel is compiled for every number. With few samples the sweep's ends weigh more, and
     more moments may be needed.
     """
     nu, terms = sweep_positions(samples), 2
-    while shift_error_rms(nu, reach_bins, terms) > APPROXIMATION * tolerance:
+    while shift_error_rms(nu, reach_bins, terms) > error:
         terms += 2
     return terms
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=16)
+def range_weights(
+    samples: int, reach_bins: float, terms: int, oversampling: float, error: float
+) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, "taps terms"]]:
+    """Gain and weights of the range's shift from so many moments, with the fewest taps that keep ``error``."""
+    nu, taps = sweep_positions(samples), 3
+    gain, weights = shift_weights(nu, reach_bins, terms, taps, oversampling)
+    while shift_weights_error(nu, reach_bins, gain, weights, oversampling) > error:
+        taps += 2
+        gain, weights = shift_weights(nu, reach_bins, terms, taps, oversampling)
+    return gain, weights
+
+
 def _weights(
     waveform: Waveform, reach: float, tolerance: float
 ) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, "taps terms"] | Complex[np.ndarray, "taps terms"]]:
     """Gain and weights of the waveform: with the fewest moments for the tolerance, then with the fewest taps."""
-    nu, taps = sweep_positions(waveform.samples), 3
-    terms = terms_for(reach, tolerance, waveform.samples)
+    error = APPROXIMATION * tolerance
+    terms = terms_for(reach, error, waveform.samples)
     if waveform.residual_video_phase:
         # The first power of z^2 that the weights would leave out, see _with_video_phase.
         turn = np.pi * reach**2 / (waveform.bandwidth_hz * waveform.chirp_duration_s)
-        while turn ** (terms // 2) / factorial(terms // 2) > APPROXIMATION * tolerance:
+        while turn ** (terms // 2) / factorial(terms // 2) > error:
             terms += 2
-    gain, weights = shift_weights(nu, reach, terms, taps, OVERSAMPLING)
-    while shift_weights_error(nu, reach, gain, weights, OVERSAMPLING) > APPROXIMATION * tolerance:
-        taps += 2
-        gain, weights = shift_weights(nu, reach, terms, taps, OVERSAMPLING)
+    gain, weights = range_weights(waveform.samples, reach, terms, OVERSAMPLING, error)
     if waveform.residual_video_phase:
         return gain, _with_video_phase(weights, waveform.bandwidth_hz * waveform.chirp_duration_s)
     return gain, weights
@@ -143,17 +141,15 @@ def _with_video_phase(
 def _add_chirps(
     cube: Complex[np.ndarray, "chirps samples rx tx"],
     parts: list[tuple[Float64[np.ndarray, "16 paths"], Part]],
-    radar: Radar,
-    array: AntennaArray,
-    intra_chirp: bool,
+    recording: Recording,
     tasks: list[tuple[Block, int]],
 ) -> None:
     """Fill ``cube`` at these blocks of RX and chirps.
 
     :param parts: with their paths sorted by range, as the kernel reads them
     """
-    waveform, tx, tx_centre = radar.waveform, array.tx, centre(array.tx)
-    after, lead = instants(radar, intra_chirp)
+    waveform, array = recording.waveform, recording.array
+    tx, tx_centre = array.tx, centre(array.tx)
     cells, real = OVERSAMPLING * waveform.samples, cube.real.dtype
     # Sample n belongs to nu = (n - N // 2) / N, i.e. to output n - N // 2 of the FFT over the range cells.
     outputs = np.arange(waveform.samples) - waveform.samples // 2
@@ -166,9 +162,8 @@ def _add_chirps(
             workspaces[shape].fill(0.0)
         moments, used = workspaces[shape], np.zeros(cells, dtype=np.bool_)
         for table, part in parts:
-            time = float(part.start[chirp]) + after
             sensor = Sensor(tx[part.tx], padded(rx), tx_centre, centre(rx), part.tx.start)
-            sweep = sweep_of(radar, OVERSAMPLING, cells, time, time + lead)
+            sweep = recording.sweep(OVERSAMPLING, cells, float(part.start[chirp]))
             add_moments(table, sensor, sweep, powers, moments, used)
         grid = np.zeros((cells, len(rx), len(tx)), dtype=cube.dtype)
         add_to_grid(moments, used, weights.real.astype(real, order="C"), powers, cube.dtype.type(1.0), grid)

@@ -19,6 +19,7 @@ from datafactory.defaults import CPU, CUDA, INSTALL_TORCH
 from datafactory.paths.table import PathTable
 from datafactory.synthesis.chirps import cube_by_chirps, precision
 from datafactory.synthesis.frame_lines import add_along_lines
+from datafactory.synthesis.motion import Recording
 from datafactory.synthesis.sorting import FLOAT32_TOLERANCE, SortedPaths, sorted_paths
 from datafactory.synthesis.truth import truth_moments
 from shared.physics.errors import InputError
@@ -47,24 +48,24 @@ def cube_of_paths(
     """
     if not tolerance >= SMALLEST_TOLERANCE:
         raise ValueError(f"tolerance {tolerance:g}; expected at least {SMALLEST_TOLERANCE:g}")
-    array = array or radar.array
-    return cube_of_sorted(
-        sorted_paths(paths, radar, tolerance, array, intra_chirp), radar, tolerance, array, threads, intra_chirp
-    )
+    radar = radar if array is None else radar.model_copy(update={"array": array})
+    recording = Recording(radar, tolerance, intra_chirp)
+    return cube_of_sorted(sorted_paths(paths, recording), recording, threads)
 
 
 def cube_of_sorted(
-    paths: SortedPaths, radar: Radar, tolerance: float, array: AntennaArray, threads: int, intra_chirp: bool
+    paths: SortedPaths, recording: Recording, threads: int
 ) -> Complex[np.ndarray, "chirps samples channels"]:
-    """The sum of all kernels; arguments as in :func:`cube_of_paths`."""
-    waveform = radar.waveform
+    """The sum of all kernels.
+
+    :param threads: chirps, or samples, worked on at once
+    """
+    waveform, array, tolerance = recording.waveform, recording.array, recording.tolerance
     shape = waveform.chirps, waveform.samples, array.channels
 
     def exactly(table: PathTable, chirps: int) -> Complex[np.ndarray, "{chirps} samples channels"]:
         dtype = precision([table], waveform, tolerance)
-        result = cube_by_chirps(table, radar, tolerance, array, threads, intra_chirp, chirps, dtype).reshape(
-            chirps, *shape[1:]
-        )
+        result = cube_by_chirps(table, recording, threads, chirps, dtype).reshape(chirps, *shape[1:])
         return result if tolerance < FLOAT32_TOLERANCE else result.astype(np.complex64, copy=False)
 
     moves = bool(len(paths.chirps))
@@ -75,7 +76,7 @@ def cube_of_sorted(
         cube = np.repeat(cube, waveform.chirps, axis=0)
     if paths.lines:
         by_channel = cube.reshape(*shape[:2], len(array.rx_m), len(array.tx_m))
-        add_along_lines(by_channel, paths.lines, radar, array, tolerance, threads, intra_chirp)
+        add_along_lines(by_channel, paths.lines, recording, threads)
     return cube
 
 
@@ -112,10 +113,8 @@ def torch_kernels(device: str) -> Kernels:
     from datafactory.synthesis.device.cube import cube_on
     from datafactory.synthesis.device.truth import truth_on
 
-    def cube(
-        paths: SortedPaths, radar: Radar, tolerance: float, array: AntennaArray, threads: int, intra_chirp: bool
-    ) -> Complex[np.ndarray, "chirps samples channels"]:
-        return cube_on(device, paths, radar, tolerance, array, intra_chirp)
+    def cube(paths: SortedPaths, recording: Recording, threads: int) -> Complex[np.ndarray, "chirps samples channels"]:
+        return cube_on(device, paths, recording)
 
     return Kernels(cube, partial(truth_on, device))
 

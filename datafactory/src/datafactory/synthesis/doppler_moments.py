@@ -9,7 +9,6 @@ from math import comb
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Complex128, Float64, Int64
 
 from shared.physics.compiled import compiled, inlined
 from shared.physics.cycles import short_phasor
@@ -39,21 +38,6 @@ _NEAREST = np.float32(1e-18)
 """Square of the smallest distance of an element [m^2]."""
 
 
-class Seen(NamedTuple):
-    """K paths that are seen in a Doppler cell, as :class:`datafactory.synthesis.mid_frame.MidFrame` has them.
-
-    :param path_terms: Doppler terms of each
-    """
-
-    path_terms: Int64[np.ndarray, " paths"]
-    rx_point: Float64[np.ndarray, "paths 3"]
-    rx_velocity: Float64[np.ndarray, "paths 3"]
-    tx_length: Float64[np.ndarray, " paths"]
-    tx_rate: Float64[np.ndarray, " paths"]
-    curvature: Float64[np.ndarray, " paths"]
-    amplitude: Complex128[np.ndarray, " paths"]
-
-
 class Frame(NamedTuple):
     """A Doppler cell, and what frame and sweep are.
 
@@ -71,7 +55,7 @@ class Frame(NamedTuple):
 
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
-def add_doppler_moments(seen, block, frame, needed, table_parts, binomial, grid):
+def add_doppler_moments(seen, path_terms, block, frame, needed, table_parts, binomial, grid):
     """Add K paths' moments in one Doppler cell to ``grid`` [cells, doppler terms * SHIFT_TERMS * 2 * BLOCK].
 
     With d from the block's centre to the path and t to an element, its leg is longer than the centre's, L, by
@@ -79,11 +63,13 @@ def add_doppler_moments(seen, block, frame, needed, table_parts, binomial, grid)
     float32, so that a float32 root serves: the phase is float64 until it is reduced. Range and Doppler beyond the
     centre's are small, and float32.
 
-    :param seen: a :class:`Seen`; :param frame: a :class:`Frame`
+    :param seen: a :class:`datafactory.synthesis.mid_frame.MidFrame`; :param path_terms: Doppler terms of each path
+    :param frame: a :class:`Frame`
     :param block: its elements [BLOCK, 3] from its centre [m], and that centre [3]
     :param needed: [cells] of the grid
     """
-    path_terms, rx_point, rx_velocity, tx_length, tx_rate, curvature, amplitude = seen
+    rx_point, rx_velocity, tx_length, tx_rate = seen.rx_point, seen.rx_velocity, seen.tx_length, seen.tx_rate
+    curvature, amplitude = seen.curvature, seen.amplitude
     frequency, chirps, frame_s, reference_hz, bandwidth_hz, lead, kappa = frame
     elements, rx_centre = block
     lowest_q, lowest_delta, table = table_parts

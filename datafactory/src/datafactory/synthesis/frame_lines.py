@@ -14,27 +14,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import scipy.fft
 from jaxtyping import Complex64, Float32, Float64, Int64
 from threadpoolctl import threadpool_limits
 
+from datafactory.synthesis.chirps import range_weights, terms_for
 from datafactory.synthesis.line_sums import add_samples, fill_lines, line_spectrum
 from datafactory.synthesis.lines import Paths, Weights, add_lines
-from datafactory.synthesis.motion import (
-    Motion,
-    Part,
-    centre,
-    coupling,
-    instants,
-    motion_of,
-    parts_of,
-    reach_bins,
-    rx_blocks,
-    sweep_of,
-)
+from datafactory.synthesis.motion import Motion, Part, Recording, centre, motion_of
 from datafactory.synthesis.slow_time import (
     FEW_TERMS,
     LINE_OVERSAMPLING,
@@ -48,18 +37,10 @@ from datafactory.synthesis.sorting import (
     RANGE_SLACK_BINS,
     VIEW_SHARE,
     PathsAlongLines,
-    frame_half,
     range_cells,
 )
 from datafactory.synthesis.spread import LANES, Sensor, aligned, columns, padded
-from shared.radar import Radar
-from shared.radar.arrays import AntennaArray
-from shared.radar.waveform import Waveform
-from shared.signal import chirp_times
 from shared.signal.sweep import (
-    shift_error_rms,
-    shift_weights,
-    shift_weights_error,
     sweep_positions,
 )
 
@@ -101,47 +82,36 @@ class BlockPlan:
     jobs: list[Job]
     gain: Float32[np.ndarray, " samples"]
     weights: Float32[np.ndarray, "taps terms"]
-    radar: Radar
-    array: AntennaArray
-    tolerance: float
-    intra_chirp: bool
-
-    def lines(self) -> Int64[np.ndarray, " lines"]:
-        """The lines that some path takes [spacings], rising."""
-        starts = [(np.unique(job.first), job.group.weights.taps) for job in self.jobs]
-        return np.unique(np.concatenate([(first[:, None] + np.arange(taps)).ravel() for first, taps in starts]))
+    recording: Recording
 
 
-def block_plans(
-    groups: Sequence[PathsAlongLines], radar: Radar, array: AntennaArray, tolerance: float, intra_chirp: bool
-) -> Iterator[BlockPlan]:
+def block_plans(groups: Sequence[PathsAlongLines], recording: Recording) -> Iterator[BlockPlan]:
     """How groups of paths are spread, block by block; all their line weights have one gain."""
-    waveform = radar.waveform
+    waveform, array = recording.waveform, recording.array
     cells = scipy.fft.next_fast_len(int(np.ceil(RANGE_OVERSAMPLING * waveform.samples)))
-    for block in rx_blocks(array, waveform.bandwidth_hz):
+    for block in recording.rx_blocks():
         rx = array.rx[block]
-        reach = reach_bins(array.tx, waveform.bandwidth_hz) + reach_bins(rx, waveform.bandwidth_hz)
+        reach = recording.reach_bins(array.tx) + recording.reach_bins(rx)
         reach = float(np.ceil((0.5 * waveform.samples / cells + reach + RANGE_SLACK_BINS) * 1e6) * 1e-6)
-        gain, weights = _range_weights(waveform, cells, reach, RANGE_SHARE * tolerance)
-        jobs = _jobs(groups, radar, array, rx, intra_chirp, cells)
-        yield BlockPlan(block, cells, jobs, gain, weights, radar, array, tolerance, intra_chirp)
+        error = RANGE_SHARE * recording.tolerance
+        terms = terms_for(reach, 0.8 * error, waveform.samples)
+        gain, weights = range_weights(waveform.samples, reach, terms, cells / waveform.samples, error)
+        jobs = _jobs(groups, recording, rx, cells)
+        yield BlockPlan(block, cells, jobs, gain.astype(np.float32), weights.astype(np.float32), recording)
 
 
 def add_along_lines(
     cube: Complex64[np.ndarray, "chirps samples rx tx"],
     groups: Sequence[PathsAlongLines],
-    radar: Radar,
-    array: AntennaArray,
-    tolerance: float,
+    recording: Recording,
     threads: int,
-    intra_chirp: bool,
 ) -> None:
     """Add to ``cube`` the paths of groups; all their line weights have one gain.
 
     :param threads: samples worked on at once
     """
-    gain_taps = groups[0].weights.gain_taps
-    for plan in block_plans(groups, radar, array, tolerance, intra_chirp):
+    gain_taps, array = groups[0].weights.gain_taps, recording.array
+    for plan in block_plans(groups, recording):
         rx, cells, taps = array.rx[plan.rx], plan.cells, len(plan.weights)
         columns_of = slice(plan.rx.start * len(array.tx), plan.rx.stop * len(array.tx))
         row_bytes = (cells + taps - 1) * len(array.tx) * padded(rx).shape[1] * 8
@@ -153,25 +123,18 @@ def add_along_lines(
                 _spread(grid, job, some, lines, plan)
             fast_time = _fast_time(grid, cells, taps, plan.gain, (len(rx), len(array.tx)))
             by_channel = cube.reshape(*cube.shape[:2], -1)[:, :, columns_of]
-            _add_chirps(by_channel, fast_time, lines / LINE_OVERSAMPLING, gain_taps, radar, threads)
+            _add_chirps(by_channel, fast_time, lines / LINE_OVERSAMPLING, gain_taps, recording, threads)
 
 
 def _jobs(
-    groups: Sequence[PathsAlongLines],
-    radar: Radar,
-    array: AntennaArray,
-    rx: Float64[np.ndarray, "rx 3"],
-    intra_chirp: bool,
-    cells: int,
+    groups: Sequence[PathsAlongLines], recording: Recording, rx: Float64[np.ndarray, "rx 3"], cells: int
 ) -> list[Job]:
     """The parts of all tables, each path with its lines."""
-    waveform, jobs = radar.waveform, []
-    times = chirp_times(radar.model_copy(update={"array": array}))
+    waveform, centres, jobs = recording.waveform, (centre(recording.array.tx), centre(rx)), []
     for group in groups:
         weights = group.weights
-        for part in parts_of(group.paths, array, times):
-            start = float(part.start[waveform.chirps // 2])
-            motion = motion_of(part.paths, centre(array.tx), centre(rx), start, radar, intra_chirp)
+        for part in recording.parts_of(group.paths, waveform.chirps):
+            motion = motion_of(part.paths, centres, float(part.start[waveform.chirps // 2]), recording)
             below = np.floor(motion.doppler * LINE_OVERSAMPLING).astype(np.int64)
             cell = range_cells(part.paths.range_m(), waveform, cells / waveform.samples, cells)
             first = below - weights.taps // 2 + 1
@@ -204,25 +167,6 @@ def _turns(
         yield start + np.flatnonzero(used), chosen
 
 
-@lru_cache(maxsize=8)
-def _range_weights(
-    waveform: Waveform, cells: int, reach: float, error: float
-) -> tuple[Float32[np.ndarray, " samples"], Float32[np.ndarray, "taps terms"]]:
-    """Gain and weights of the range's shift with the fewest moments, then with the fewest taps.
-
-    Even numbers of moments alone, because a kernel is compiled for every number.
-    """
-    nu, oversampling = sweep_positions(waveform.samples), cells / waveform.samples
-    terms, taps = 2, 3
-    while shift_error_rms(nu, reach, terms) > 0.8 * error:
-        terms += 2
-    gain, weights = shift_weights(nu, reach, terms, taps, oversampling)
-    while shift_weights_error(nu, reach, gain, weights, oversampling) > error:
-        taps += 2
-        gain, weights = shift_weights(nu, reach, terms, taps, oversampling)
-    return gain.astype(np.float32), weights.astype(np.float32)
-
-
 def _spread(
     grid: Float32[np.ndarray, "lines panels cells 2 16"],
     job: Job,
@@ -231,19 +175,16 @@ def _spread(
     plan: BlockPlan,
 ) -> None:
     """Add some paths of a job to the grid."""
-    radar, array = plan.radar, plan.array
-    waveform, part, group = radar.waveform, job.part, job.group
-    tx, rx, line = array.tx[part.tx], array.rx[plan.rx], group.weights
-    after, lead = instants(radar, plan.intra_chirp)
-    mid_time = float(part.start[waveform.chirps // 2]) + after
+    recording, array, part, group = plan.recording, plan.recording.array, job.part, job.group
+    waveform, rx, line = recording.waveform, array.rx[plan.rx], group.weights
     terms = MANY_TERMS if group.close else FEW_TERMS
-    reach = element_reach(terms, VIEW_SHARE * plan.tolerance, frame_half(radar))
+    reach = element_reach(terms, VIEW_SHARE * recording.tolerance, recording.half)
     paths = Paths(
         columns(part.paths, chosen), job.anchor[chosen], np.searchsorted(lines, job.first[chosen]),
         np.take(job.motion.bend, chosen, axis=1),
     )  # fmt: skip
-    sensor = Sensor(tx, padded(rx), centre(array.tx), centre(rx), part.tx.start)
-    sweep = sweep_of(radar, plan.cells / waveform.samples, plan.cells, mid_time, mid_time + lead)
+    sensor = Sensor(array.tx[part.tx], padded(rx), centre(array.tx), centre(rx), part.tx.start)
+    sweep = recording.sweep(plan.cells / waveform.samples, plan.cells, float(part.start[waveform.chirps // 2]))
     weights = Weights(line.node, element_weights(line, reach, terms), plan.weights)
     forms = *plan.weights.shape, group.orders, terms, 2 if group.close else 1
     add_lines(paths, sensor, sweep, weights, tuple((0,) * form for form in forms), grid)
@@ -275,12 +216,12 @@ def _add_chirps(
     fast_time: Complex64[np.ndarray, "samples lines channels"],
     frequency: Float64[np.ndarray, " lines"],
     gain_taps: int,
-    radar: Radar,
+    recording: Recording,
     threads: int,
 ) -> None:
     """Add all chirps of every sample to ``cube``."""
-    waveform = radar.waveform
-    scale, half = 1.0 + coupling(radar) * sweep_positions(waveform.samples), waveform.chirps // 2 + 1
+    waveform = recording.waveform
+    scale, half = 1.0 + recording.kappa * sweep_positions(waveform.samples), waveform.chirps // 2 + 1
     shape = line_shape(gain_taps)
 
     def add(first: int) -> None:

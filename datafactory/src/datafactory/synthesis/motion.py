@@ -26,6 +26,8 @@ from shared.physics.compiled import compiled
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
+from shared.radar.waveform import Waveform
+from shared.signal import chirp_times
 from shared.signal.sweep import reference_frequency_hz
 
 BLOCK_REACH_BINS = 0.205
@@ -49,6 +51,91 @@ CENTRED_FOURTH_ROOT = (1.0 / 2304.0 - 1.0 / 1344.0 + 1.0 / 1920.0 - 1.0 / 5184.0
 """... of that of (eta^2 - 1/12)^4."""
 
 
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What records the paths, and how exactly.
+
+    :param radar: with the array that receives
+    :param tolerance: bound on the relative L2 error against the float64 sum
+    :param intra_chirp: motion within the chirp; otherwise eq. (1), which has none
+    """
+
+    radar: Radar
+    tolerance: float
+    intra_chirp: bool
+
+    @property
+    def waveform(self) -> Waveform:
+        """The radar's."""
+        return self.radar.waveform
+
+    @property
+    def array(self) -> AntennaArray:
+        """The radar's."""
+        return self.radar.array
+
+    @property
+    def frame_s(self) -> float:
+        """Length of a frame [s]."""
+        return self.waveform.chirps * self.waveform.chirp_interval_s
+
+    @property
+    def instants(self) -> tuple[float, float]:
+        """See :func:`instants`."""
+        return instants(self.radar, self.intra_chirp)
+
+    @property
+    def kappa(self) -> float:
+        """See :func:`coupling`."""
+        return coupling(self.radar)
+
+    @property
+    def half(self) -> float:
+        """Where the frame ends: at eta (1 + nu kappa) with eta = nu = 1/2."""
+        return 0.5 * (1.0 + 0.5 * self.kappa)
+
+    @property
+    def cycles(self) -> float:
+        """f_0 T / c: cycles a frame of a path that lengthens by 1 m/s."""
+        return reference_frequency_hz(self.radar) / SPEED_OF_LIGHT * self.frame_s
+
+    def reach_bins(self, elements: Float64[np.ndarray, "elements 3"]) -> float:
+        """Largest distance from the elements' centre, as a delay in range bins."""
+        return reach_m(elements) * self.waveform.bandwidth_hz / SPEED_OF_LIGHT
+
+    def rx_blocks(self) -> list[slice]:
+        """RX in their order, cut so that no block is wider than BLOCK_REACH_BINS to either side of its centre."""
+        rx = self.array.rx
+        blocks, first = [], 0
+        for last in range(1, len(rx) + 1):
+            if last == len(rx) or self.reach_bins(rx[first : last + 1]) > BLOCK_REACH_BINS:
+                blocks.append(slice(first, last))
+                first = last
+        return blocks
+
+    def parts_of(self, paths: PathTable, chirps: int) -> list[Part]:
+        """Parts of the table in the first chirps: all TX at once where delays factorise, else each TX alone."""
+        tx, times = self.array.tx, chirp_times(self.radar)[:, :chirps]
+        parts = []
+        if len(paths.scattered):
+            if np.all(times == times[0]):
+                parts.append(Part(paths.scattered, slice(0, len(tx)), times[0]))
+            else:  # TDM: the targets have moved on when the next TX sends
+                parts += [Part(paths.scattered, slice(i, i + 1), times[i]) for i in range(len(tx))]
+        if len(paths.specular):
+            parts += [Part(paths.specular.as_scattered(tx[i]), slice(i, i + 1), times[i]) for i in range(len(tx))]
+        return parts
+
+    def sweep(self, oversampling: float, cells: int, start_s: float) -> Sweep:
+        """For kernels: of a chirp that starts then [s], see there."""
+        waveform, (after, lead) = self.waveform, self.instants
+        return Sweep(
+            reference_frequency_hz(self.radar), waveform.bandwidth_hz, waveform.slope_hz_per_s,
+            float(waveform.residual_video_phase), oversampling, cells, self.frame_s, start_s + after,
+            start_s + after + lead, self.kappa,
+        )  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Part:
     """Paths in the form of scattered ones, with the TX they serve and the starts of that TX's chirps [s]."""
@@ -58,39 +145,9 @@ class Part:
     start: Float64[np.ndarray, " chirps"]
 
 
-def parts_of(paths: PathTable, array: AntennaArray, times: Float64[np.ndarray, "tx chirps"]) -> list[Part]:
-    """Parts of the table: all TX at once where delays factorise, else each TX alone."""
-    all_tx = range(len(array.tx_m))
-    parts = []
-    if len(paths.scattered):
-        if np.all(times == times[0]):
-            parts.append(Part(paths.scattered, slice(0, len(all_tx)), times[0]))
-        else:  # TDM: the targets have moved on when the next TX sends
-            parts += [Part(paths.scattered, slice(i, i + 1), times[i]) for i in all_tx]
-    if len(paths.specular):
-        parts += [Part(paths.specular.as_scattered(array.tx[i]), slice(i, i + 1), times[i]) for i in all_tx]
-    return parts
-
-
-def rx_blocks(array: AntennaArray, bandwidth_hz: float) -> list[slice]:
-    """RX in their order, cut so that no block is wider than BLOCK_REACH_BINS to either side of its centre."""
-    rx = array.rx
-    blocks, first = [], 0
-    for last in range(1, len(rx) + 1):
-        if last == len(rx) or reach_bins(rx[first : last + 1], bandwidth_hz) > BLOCK_REACH_BINS:
-            blocks.append(slice(first, last))
-            first = last
-    return blocks
-
-
 def reach_m(elements: Float64[np.ndarray, "elements 3"]) -> float:
     """Largest distance from the elements' centre [m]."""
     return float(np.linalg.norm(elements - centre(elements), axis=1).max())
-
-
-def reach_bins(elements: Float64[np.ndarray, "elements 3"], bandwidth_hz: float) -> float:
-    """Largest distance from the elements' centre, as a delay in range bins."""
-    return reach_m(elements) * bandwidth_hz / SPEED_OF_LIGHT
 
 
 def centre(elements: Float64[np.ndarray, "elements 3"]) -> Float64[np.ndarray, " 3"]:
@@ -123,11 +180,13 @@ class Motion:
     :param doppler: f, at the frequency that the line kernel gives a path
     :param curvature: q
     :param bend: [6, K] e_1, e_2, e_3, g_1, g_2, g_3 of :mod:`datafactory.synthesis.lines`
+    :param legs: of TX and RX at mid-frame
     """
 
     doppler: Float64[np.ndarray, " paths"]
     curvature: Float64[np.ndarray, " paths"]
     bend: Float64[np.ndarray, "6 paths"]
+    legs: tuple[Leg, Leg]
 
 
 @dataclass(frozen=True)
@@ -189,48 +248,32 @@ def coupling(radar: Radar) -> float:
     return radar.waveform.bandwidth_hz / reference_frequency_hz(radar)
 
 
-def sweep_of(radar: Radar, oversampling: float, cells: int, mid_time: float, beat_time: float) -> Sweep:
-    """The radar's, for kernels; see there."""
-    waveform = radar.waveform
-    return Sweep(
-        reference_frequency_hz(radar), waveform.bandwidth_hz, waveform.slope_hz_per_s,
-        float(waveform.residual_video_phase), oversampling, cells, waveform.chirps * waveform.chirp_interval_s,
-        mid_time, beat_time, coupling(radar),
-    )  # fmt: skip
-
-
 def motion_of(
     paths: ScatteredPaths,
-    tx_centre: Float64[np.ndarray, " 3"],
-    rx_centre: Float64[np.ndarray, " 3"],
+    centres: tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, " 3"]],
     start_s: float,
-    radar: Radar,
-    intra_chirp: bool,
+    recording: Recording,
 ) -> Motion:
-    """Motion of paths seen from two centres.
+    """Motion of paths seen from the centres of TX and RX.
 
     :param start_s: start of the chirp at mid-frame [s]
     """
-    waveform, kappa = radar.waveform, coupling(radar)
-    frame_s = waveform.chirps * waveform.chirp_interval_s
-    after, lead = instants(radar, intra_chirp)
+    waveform, kappa, frame_s, cycles = recording.waveform, recording.kappa, recording.frame_s, recording.cycles
+    after, lead = recording.instants
     time = start_s + after
-    tx = leg_of(paths.tx_point, paths.tx_velocity, time, tx_centre)
-    rx = leg_of(paths.rx_point, paths.rx_velocity, time, rx_centre)
-    cycles = reference_frequency_hz(radar) / SPEED_OF_LIGHT * frame_s
+    tx, rx = legs = _both_legs(paths, time, centres)
     full = cycles * (tx.rate + rx.rate + paths.between_rate_mps)
     curvature = 0.5 * cycles * frame_s * (tx.bend + rx.bend)
     slower = 1.0
     if waveform.residual_video_phase:
         delay = (tx.length + rx.length + paths.between_m + paths.between_rate_mps * time) / SPEED_OF_LIGHT
-        slower = 1.0 - waveform.slope_hz_per_s * delay / reference_frequency_hz(radar)
+        slower = 1.0 - waveform.slope_hz_per_s * delay / reference_frequency_hz(recording.radar)
     doppler = full * slower
     cubic = cycles * frame_s**2 / 6.0 * (tx.jerk + rx.jerk)
     # The range is that of a later time where the sensor moves within the chirp.
     later, later_curvature, later_cubic = full, curvature, cubic
     if lead:
-        tx = leg_of(paths.tx_point, paths.tx_velocity, time + lead, tx_centre)
-        rx = leg_of(paths.rx_point, paths.rx_velocity, time + lead, rx_centre)
+        tx, rx = _both_legs(paths, time + lead, centres)
         later = cycles * (tx.rate + rx.rate + paths.between_rate_mps)
         later_curvature = 0.5 * cycles * frame_s * (tx.bend + rx.bend)
         later_cubic = cycles * frame_s**2 / 6.0 * (tx.jerk + rx.jerk)
@@ -238,7 +281,15 @@ def motion_of(
     first = [later - doppler, later_curvature - 2.0 * curvature, later_cubic - 3.0 * cubic]
     second = [doppler - later, 3.0 * curvature - 2.0 * later_curvature, 6.0 * cubic - 3.0 * later_cubic]
     bend = np.concatenate([kappa * np.stack(first), kappa**2 * np.stack(second)])
-    return Motion(doppler, curvature * slower, bend)
+    return Motion(doppler, curvature * slower, bend, legs)
+
+
+def _both_legs(
+    paths: ScatteredPaths, time_s: float, centres: tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, " 3"]]
+) -> tuple[Leg, Leg]:
+    """That of the TX and that of the RX."""
+    tx = leg_of(paths.tx_point, paths.tx_velocity, time_s, centres[0])
+    return tx, leg_of(paths.rx_point, paths.rx_velocity, time_s, centres[1])
 
 
 def moving(paths: ScatteredPaths) -> Bool[np.ndarray, " paths"]:
@@ -246,28 +297,14 @@ def moving(paths: ScatteredPaths) -> Bool[np.ndarray, " paths"]:
     return np.any(paths.tx_velocity, axis=1) | np.any(paths.rx_velocity, axis=1) | (paths.between_rate_mps != 0.0)
 
 
-def left_out(
-    paths: ScatteredPaths,
-    motion: Motion,
-    reaches_m: tuple[float, float],
-    centres: tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, " 3"]],
-    start_s: float,
-    radar: Radar,
-    intra_chirp: bool,
-) -> LeftOut:
+def left_out(motion: Motion, reaches_m: tuple[float, float], recording: Recording) -> LeftOut:
     """What the line kernel must reach and what it leaves out.
 
     :param reaches_m: of TX and RX about their centres [m]
     """
-    waveform, kappa = radar.waveform, coupling(radar)
-    frame_s = waveform.chirps * waveform.chirp_interval_s
-    after, lead = instants(radar, intra_chirp)
-    time = start_s + after
-    cycles = reference_frequency_hz(radar) / SPEED_OF_LIGHT * frame_s
-    view, bends, jerks, fourth, fourths = (np.zeros(len(paths)) for _ in range(5))
-    ends = (paths.tx_point, paths.tx_velocity), (paths.rx_point, paths.rx_velocity)
-    for (point, velocity), reach, centre in zip(ends, reaches_m, centres, strict=True):
-        leg = leg_of(point, velocity, time, centre)
+    kappa, frame_s, cycles, (_, lead) = recording.kappa, recording.frame_s, recording.cycles, recording.instants
+    view, bends, jerks, fourth, fourths = (np.zeros(len(motion.doppler)) for _ in range(5))
+    for leg, reach in zip(motion.legs, reaches_m, strict=True):
         # Nowhere in the frame is an element nearer than this.
         nearest = leg.length - reach - leg.speed * (0.51 * frame_s + lead)
         across = leg.bend * leg.length

@@ -7,17 +7,17 @@ values V at a few Chebyshev points of the frame determine it, and give the weigh
     exp(j 2 pi s(eta)) = gain(eta) sum_t b_t exp(j 2 pi o_t eta),      b = P V,      o_t = (t - (taps - 1) / 2) / h,
 
 with the gain of :func:`shared.signal.sweep.shift_weights`. P is the least squares fit over tones and chirps within the
-reach; small singular values are cut, so that P stays small and float32 serves. Nodes and lines are symmetric: P is one
-real matrix of V_i + V_-i and another of j (V_-i - V_i), which halves the products.
+reach; small singular values are cut, so that P stays small and float32 serves. Nodes and lines are symmetric: reversed
+in its lines or in its nodes, P is its own conjugate.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Complex128, Float32, Float64
+from jaxtyping import Complex64, Complex128, Float64
 
 from shared.signal.sweep import shift_error_rms, shift_polynomials
 
@@ -43,22 +43,20 @@ class LineWeights:
     """What turns values at the nodes into weights of lines.
 
     :param node: positions in the frame, rising, symmetric
-    :param even: of the sums V_i + V_-i, for the first half of the lines; the second half has the same
-    :param odd: of j (V_-i - V_i), for the first half of the lines, subtracted; the second half has them added
+    :param lines: P of the module
     :param error: root mean square over the frame for the worst tone or chirp within the reach, with rounding
     :param gain_taps: width of the window that the gain undoes
     """
 
     node: Float64[np.ndarray, " nodes"]
-    even: Float32[np.ndarray, "pairs halves"]
-    odd: Float32[np.ndarray, "pairs halves"]
+    lines: Complex64[np.ndarray, "taps nodes"]
     error: float
     gain_taps: int
 
     @property
     def taps(self) -> int:
         """Lines that a path is spread over."""
-        return 2 * self.even.shape[1]
+        return len(self.lines)
 
 
 def line_shape(taps: int) -> float:
@@ -99,16 +97,12 @@ def _weights(extra: float, taps: int, half: float, gain_taps: int, cut: float) -
     lines = line_gain(eta, gain_taps)[:, None] * np.exp(2j * np.pi * eta[:, None] * offset)
     wanted, values = _slow_signals(extra, eta), _slow_signals(extra, node)
     matrix = np.linalg.pinv(lines, cut) @ wanted @ np.linalg.pinv(values, cut)
-    # Symmetric lines and nodes: the even part of the matrix is real, the odd part imaginary.
-    half_taps = taps // 2
-    even = 0.5 * (matrix + matrix[:, ::-1]).real[:half_taps, :half_taps].T
-    odd = 0.5 * (matrix - matrix[:, ::-1]).imag[:half_taps, :half_taps].T
-    weights = LineWeights(
-        node, np.ascontiguousarray(even, dtype=np.float32), np.ascontiguousarray(odd, dtype=np.float32), 0.0, gain_taps
-    )
-    fit = float(np.sqrt(np.mean(np.abs(lines @ applied(weights, values) - wanted) ** 2, axis=0)).max())
+    quarter = 0.5 * (matrix + matrix[:, ::-1].conj())[: taps // 2, : taps // 2].astype(np.complex64)
+    half_of_lines = np.concatenate([quarter, quarter[:, ::-1].conj()], axis=1)
+    symmetric = np.concatenate([half_of_lines, half_of_lines[::-1].conj()])
+    fit = float(np.sqrt(np.mean(np.abs(lines @ (symmetric @ values) - wanted) ** 2, axis=0)).max())
     rounding = ROUNDING * float(np.sqrt(np.mean(np.sum(np.abs(lines @ matrix) ** 2, axis=1))))
-    return replace(weights, error=float(np.hypot(fit, rounding)))
+    return LineWeights(node, symmetric, float(np.hypot(fit, rounding)), gain_taps)
 
 
 def _slow_signals(extra: float, eta: Float64[np.ndarray, " points"]) -> Complex128[np.ndarray, "points signals"]:
@@ -120,17 +114,6 @@ def _slow_signals(extra: float, eta: Float64[np.ndarray, " points"]) -> Complex1
         for curvature in (-extra, -0.5 * extra, 0.0, 0.5 * extra, extra)
     ]
     return np.exp(2j * np.pi * np.concatenate(phases, axis=1))
-
-
-def applied(
-    weights: LineWeights, values: Complex128[np.ndarray, "nodes signals"]
-) -> Complex128[np.ndarray, "taps signals"]:
-    """Weights of the lines for these values at the nodes, as the kernel applies them."""
-    pairs = len(weights.even)
-    first, last = values[:pairs], values[::-1][:pairs]
-    even = np.tensordot(weights.even.T.astype(np.float64), first + last, axes=1)
-    odd = np.tensordot(weights.odd.T.astype(np.float64), 1j * (last - first), axes=1)
-    return np.concatenate([even - odd, (even + odd)[::-1]])
 
 
 @lru_cache(maxsize=8)
@@ -150,9 +133,8 @@ def element_weights(weights: LineWeights, reach: float, terms: int) -> Float64[n
 
     A line's weight for an element whose Doppler is d beyond the centre's, up to ``reach``, is their polynomial in d.
     """
-    lines = applied(weights, np.eye(weights.taps, dtype=np.complex128))
     powers = shift_polynomials(weights.node, reach, terms)
-    matrix = np.einsum("tn,pn->ntp", lines, powers)
+    matrix = np.einsum("tn,pn->ntp", weights.lines.astype(np.complex128), powers)
     by_re = np.stack([matrix.real, matrix.imag], axis=-1)
     by_im = np.stack([-matrix.imag, matrix.real], axis=-1)
     return np.ascontiguousarray(np.stack([by_re, by_im], axis=1).reshape(2 * weights.taps, -1).T)

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Int64
 
 from datafactory.paths.table import PathTable, ScatteredPaths
-from datafactory.synthesis.motion import centre, coupling, left_out, motion_of, moving, reach_m, rx_blocks
+from datafactory.synthesis.motion import Recording, centre, left_out, motion_of, moving, reach_m
 from datafactory.synthesis.slow_time import (
     FEW_TERMS,
     LINE_OVERSAMPLING,
@@ -28,7 +28,6 @@ from datafactory.synthesis.slow_time import (
 )
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
-from shared.radar.arrays import AntennaArray
 from shared.radar.waveform import Waveform
 
 FLOAT32_TOLERANCE = 5e-7
@@ -92,14 +91,9 @@ def crowd_limit(tolerance: float) -> int:
     return max(CROWD, round(CROWD_GROWTH * tolerance / 1e-6))
 
 
-def frame_half(radar: Radar) -> float:
-    """Where the frame ends: at eta (1 + nu kappa) with eta = nu = 1/2."""
-    return 0.5 * (1.0 + 0.5 * coupling(radar))
-
-
-def line_sets(radar: Radar, tolerance: float) -> list[tuple[float, LineWeights]]:
+def line_sets(recording: Recording) -> list[tuple[float, LineWeights]]:
     """The sets of line weights that there are for a tolerance, with what each reaches; narrow to wide."""
-    half, error = frame_half(radar), LINE_SHARE * tolerance
+    half, error = recording.half, LINE_SHARE * recording.tolerance
     first = line_weights(EXTRAS[0], error, half)
     if first is None:
         return []
@@ -107,17 +101,15 @@ def line_sets(radar: Radar, tolerance: float) -> list[tuple[float, LineWeights]]
     return [(extra, weights) for extra, weights in sets if weights is not None]
 
 
-def sorted_paths(
-    paths: PathTable, radar: Radar, tolerance: float, array: AntennaArray, intra_chirp: bool
-) -> SortedPaths:
+def sorted_paths(paths: PathTable, recording: Recording) -> SortedPaths:
     """Sort a table's paths by what they need."""
-    waveform = radar.waveform
+    waveform = recording.waveform
     short = waveform.chirps < LEAST_CHIRPS or waveform.samples < LEAST_SAMPLES
-    sets = [] if short or tolerance < FLOAT32_TOLERANCE else line_sets(radar, tolerance)
+    sets = [] if short or recording.tolerance < FLOAT32_TOLERANCE else line_sets(recording)
     # A specular path of one TX is a scattered path; the TX differ by less than the reach that is allowed for.
-    middle = paths.specular.as_scattered(centre(array.tx))
-    scattered = _needs(paths.scattered, sets, radar, tolerance, array, intra_chirp, specular=False)
-    specular = _needs(middle, sets, radar, tolerance, array, intra_chirp, specular=True)
+    middle = paths.specular.as_scattered(centre(recording.array.tx))
+    scattered = _needs(paths.scattered, sets, recording, specular=False)
+    specular = _needs(middle, sets, recording, specular=True)
 
     def chosen(need: int) -> PathTable:
         return replace(
@@ -141,31 +133,23 @@ STANDING, BY_CHIRPS = -1, FORMS * len(EXTRAS)
 
 
 def _needs(
-    paths: ScatteredPaths,
-    sets: list[tuple[float, LineWeights]],
-    radar: Radar,
-    tolerance: float,
-    array: AntennaArray,
-    intra_chirp: bool,
-    specular: bool,
+    paths: ScatteredPaths, sets: list[tuple[float, LineWeights]], recording: Recording, specular: bool
 ) -> Int64[np.ndarray, " paths"]:
     """What every path needs: STANDING, BY_CHIRPS, or in every block of RX at most these line weights and orders."""
     result = np.full(len(paths), BY_CHIRPS, dtype=np.int64)
     if sets and len(paths):
+        radar, array, tolerance = recording.radar, recording.array, recording.tolerance
         start = radar.waveform.chirps // 2 * radar.waveform.chirp_interval_s
         tx_reach, limits = reach_m(array.tx), [limit for limit, _ in sets]
-        few, many = (
-            element_reach(terms, VIEW_SHARE * tolerance, frame_half(radar)) for terms in (FEW_TERMS, MANY_TERMS)
-        )
+        few, many = (element_reach(terms, VIEW_SHARE * tolerance, recording.half) for terms in (FEW_TERMS, MANY_TERMS))
         widest, form = np.zeros(len(paths), dtype=np.int64), np.zeros(len(paths), dtype=np.int64)
         crowded = np.zeros(len(paths), dtype=bool)
-        for block in rx_blocks(array, radar.waveform.bandwidth_hz):
+        for block in recording.rx_blocks():
             rx = array.rx[block]
-            centres = centre(array.tx), centre(rx)
             # The image of a specular path moves with the TX as far as the TX itself.
             reaches = (0.0, tx_reach + reach_m(rx)) if specular else (tx_reach, reach_m(rx))
-            motion = motion_of(paths, *centres, start, radar, intra_chirp)
-            out = left_out(paths, motion, reaches, centres, start, radar, intra_chirp)
+            motion = motion_of(paths, (centre(array.tx), centre(rx)), start, recording)
+            out = left_out(motion, reaches, recording)
             limit = BEND_SHARE * tolerance - _video_phase_error(motion.doppler, radar)
             kept = np.concatenate([(out.far <= limit) & (out.view <= few), (out.close <= limit) & (out.view <= many)])
             kept &= np.abs(motion.bend[1]) <= 12.0 * RANGE_SLACK_BINS

@@ -17,7 +17,7 @@ in (f_c - f) + kappa nu. The factor of the range remainder is a polynomial in z 
 path and Doppler cell a few moments per element are added to a grid of range cells. The cells around each row then give
 the row.
 
-A path enters only where it is seen (:mod:`datafactory.synthesis.visibility`), with as many terms of the Doppler
+A path enters only where it is seen (:mod:`datafactory.synthesis.mid_frame`), with as many terms of the Doppler
 polynomial as its own place and speed call for.
 
 Limits: velocities are constant. The delay's third derivative within a frame is left out (2.4e-6 m at 3 m and 10 m/s).
@@ -44,12 +44,10 @@ from datafactory.synthesis.doppler_moments import (
     MAX_DOPPLER_TERMS,
     SHIFT_TERMS,
     Frame,
-    Seen,
     add_doppler_moments,
 )
-from datafactory.synthesis.mid_frame import MidFrame, at_mid_frame
+from datafactory.synthesis.mid_frame import DOPPLER_REACH, ROW_REACH, MidFrame, at_mid_frame, seen_paths
 from datafactory.synthesis.motion import coupling, instants
-from datafactory.synthesis.visibility import DOPPLER_REACH, ROW_REACH, seen_paths
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.radar.waveform import Waveform
@@ -162,7 +160,6 @@ def _fill_rows(
     """
     waveform, terms, array = radar.waveform, len(moments), radar.virtual_sensor
     _, lead = instants(radar, intra_chirp)
-    seen = Seen(path_terms, mid.rx_point, mid.rx_velocity, mid.tx_length, mid.tx_rate, mid.curvature, mid.amplitude)
     frame = Frame(
         cell.frequency, float(waveform.chirps), waveform.chirps * waveform.chirp_interval_s,
         reference_frequency_hz(radar), waveform.bandwidth_hz, lead, coupling(radar),
@@ -178,7 +175,7 @@ def _fill_rows(
         centre = 0.5 * (rx[0] + rx[-1])
         elements = np.concatenate([rx, np.repeat(rx[-1:], BLOCK - len(rx), axis=0)]) - centre
         grid[cell.needed] = 0.0
-        add_doppler_moments(seen, (elements, centre), frame, cell.needed, table, BINOMIAL, grid)
+        add_doppler_moments(mid, path_terms, (elements, centre), frame, cell.needed, table, BINOMIAL, grid)
         for row, product in zip(cell.rows, products, strict=True):
             around = _cyclic_slice(grid, row * CELLS_PER_BIN + offsets).reshape(cell.mixing.shape[1], -1)
             np.matmul(cell.mixing, around, out=product)

@@ -13,11 +13,20 @@ from numpy.typing import NDArray
 from shared.physics.compiled import compiled
 
 Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 
 def lengths(vectors: Real) -> Real:
     """[...] Euclidean lengths of ``vectors`` [..., 3], those of :func:`numpy.linalg.norm` to the last bit."""
     return _lengths(_rows(vectors)).reshape(vectors.shape[:-1])
+
+
+def unit(vectors: Real) -> Real:
+    """[..., 3] vectors of length 1; a zero vector stays zero."""
+    length = lengths(vectors)[..., None]
+    return vectors / np.where(length > 0.0, length, 1.0)
 
 
 def dots(one: Real, other: Real) -> Real:

@@ -14,6 +14,7 @@ from torch_devices import EVERY_DEVICE, required
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths, torch_kernels
 from datafactory.synthesis.device import arrays
+from datafactory.synthesis.motion import Recording
 from datafactory.synthesis.sorting import FLOAT32_TOLERANCE, sorted_paths
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray, line
@@ -42,8 +43,8 @@ def slowed(table: PathTable, factor: float) -> PathTable:
 def cube_on(
     device: str, table: PathTable, radar: Radar, tolerance: float, intra_chirp: bool = False
 ) -> NDArray[np.complexfloating]:
-    by_kernel = sorted_paths(table, radar, tolerance, radar.array, intra_chirp)
-    return torch_kernels(required(device)).cube(by_kernel, radar, tolerance, radar.array, 1, intra_chirp)
+    recording = Recording(radar, tolerance, intra_chirp)
+    return torch_kernels(required(device)).cube(sorted_paths(table, recording), recording, 1)
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-9])

@@ -93,19 +93,6 @@ def cuda_problem() -> str | None:
 
 
 @dataclass(frozen=True)
-class Instant:
-    """Paths at some times.
-
-    :param tx_point, rx_point: as the TX and the RX see them [m]
-    :param between: length between [m]
-    """
-
-    tx_point: Float64[Tensor, "paths times 3"]
-    rx_point: Float64[Tensor, "paths times 3"]
-    between: Float64[Tensor, "paths times"]
-
-
-@dataclass(frozen=True)
 class Echoes:
     """Scattered paths on the device; fields as those of :class:`datafactory.paths.table.ScatteredPaths`."""
 
@@ -129,10 +116,12 @@ class Echoes:
         """Some of the paths."""
         return Echoes(**{name: getattr(self, name)[some] for name in self.__dataclass_fields__})
 
-    def at(self, times: Float64[Tensor, " times"]) -> Instant:
-        """The paths at these times [s]."""
+    def at(
+        self, times: Float64[Tensor, " times"]
+    ) -> tuple[Float64[Tensor, "paths times 3"], Float64[Tensor, "paths times 3"], Float64[Tensor, "paths times"]]:
+        """The points as TX and RX see them at these times [s], and the length between [m]."""
         apart = times[:, None]
-        return Instant(
+        return (
             self.tx_point[:, None] + self.tx_velocity[:, None] * apart,
             self.rx_point[:, None] + self.rx_velocity[:, None] * apart,
             self.between_m[:, None] + self.between_rate_mps[:, None] * times,

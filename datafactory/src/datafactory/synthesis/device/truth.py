@@ -7,8 +7,6 @@ demanding one, which is at least as exact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import torch
 from jaxtyping import Bool, Complex64, Complex128, Float32, Float64, Int64
@@ -31,33 +29,16 @@ from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.signal.sweep import reference_frequency_hz
 
-
-@dataclass(frozen=True)
-class _Elements:
-    """The virtual sensor's RX in blocks, the last filled up with its last element.
-
-    :param rx: [m]; :param centre: of each block [m]
-    """
-
-    rx: Float64[np.ndarray, "padded 3"]
-    centre: Float64[np.ndarray, "blocks 3"]
-
-    @staticmethod
-    def of(rx: Float64[np.ndarray, "rx 3"]) -> _Elements:
-        """Elements in blocks of BLOCK."""
-        starts = range(0, len(rx), BLOCK)
-        ends = [min(first + BLOCK, len(rx)) - 1 for first in starts]
-        centre = np.array([0.5 * (rx[first] + rx[last]) for first, last in zip(starts, ends, strict=True)])
-        return _Elements(np.concatenate([rx, np.repeat(rx[-1:], -len(rx) % BLOCK, axis=0)]), centre)
+Elements = tuple[Float64[np.ndarray, "padded 3"], Float64[np.ndarray, "blocks 3"]]
+"""The virtual sensor's RX in blocks, the last filled up with its last element, and the centre of each block [m]."""
+Table = tuple[int, float, Complex128[Tensor, "q delta doppler_terms"]]
+"""Doppler responses and their derivatives, see :func:`datafactory.synthesis.truth.doppler_table`."""
 
 
-@dataclass(frozen=True)
-class _Table:
-    """Doppler responses and their derivatives, see :func:`datafactory.synthesis.truth.doppler_table`."""
-
-    lowest_q: int
-    lowest_delta: float
-    response: Complex128[Tensor, "q delta doppler_terms"]
+def _in_blocks(rx: Float64[np.ndarray, "rx 3"]) -> Elements:
+    starts = range(0, len(rx), BLOCK)
+    centre = np.array([0.5 * (rx[first] + rx[min(first + BLOCK, len(rx)) - 1]) for first in starts])
+    return np.concatenate([rx, np.repeat(rx[-1:], -len(rx) % BLOCK, axis=0)]), centre
 
 
 def truth_on(
@@ -75,10 +56,10 @@ def truth_on(
     waveform, rx = radar.waveform, radar.virtual_sensor.rx
     mid, path_terms, cells = truth_plan(paths, radar, doppler_cells, terms, intra_chirp)
     lowest_q, lowest_delta, responses = doppler_table(mid.curvature, waveform.chirps, int(path_terms.max(initial=1)))
-    elements = _Elements.of(rx)
+    elements = _in_blocks(rx)
     with repeatable():
-        table = _Table(lowest_q, lowest_delta, moved(responses, device))
-        moments = torch.zeros((terms, waveform.range_bins, len(elements.rx)), dtype=torch.complex64, device=device)
+        table = lowest_q, lowest_delta, moved(responses, device)
+        moments = torch.zeros((terms, waveform.range_bins, len(elements[0])), dtype=torch.complex64, device=device)
         for cell in cells:
             grid = _grid_of(cell, mid.take(cell.chosen), elements, table, radar, intra_chirp, device)
             _add_rows(moments, cell, grid, waveform.samples, waveform.chirps)
@@ -88,14 +69,14 @@ def truth_on(
 def _grid_of(
     cell: DopplerCell,
     mid: MidFrame,
-    elements: _Elements,
-    table: _Table,
+    elements: Elements,
+    table: Table,
     radar: Radar,
     intra_chirp: bool,
     device: str,
 ) -> Complex64[Tensor, "needed_cells blocks moments block"]:
     """Moments of a Doppler cell's paths, in the range cells that its rows draw on, in their order."""
-    blocks = len(elements.centre)
+    blocks = len(elements[1])
     needed = moved(cell.needed, device)
     at = torch.cumsum(needed, dim=0) - 1
     shape = int(cell.needed.sum()), blocks, SHIFT_TERMS * cell.doppler_terms, BLOCK
@@ -112,12 +93,13 @@ def _grid_of(
 
 
 def _moments(
-    mid: MidFrame, cell: DopplerCell, elements: _Elements, table: _Table, radar: Radar, intra_chirp: bool
+    mid: MidFrame, cell: DopplerCell, elements: Elements, table: Table, radar: Radar, intra_chirp: bool
 ) -> tuple[
     Int64[Tensor, "paths blocks"], Bool[Tensor, "paths blocks"], Complex64[Tensor, "paths blocks moments block"]
 ]:  # fmt: skip
     """Of every path and block the range cell, whether the table reaches it, and its moments."""
-    waveform, device = radar.waveform, str(table.response.device)
+    (rx, centre), (lowest_q, lowest_delta, responses) = elements, table
+    waveform, device = radar.waveform, str(responses.device)
     frame_s = waveform.chirps * waveform.chirp_interval_s
     _, lead = instants(radar, intra_chirp)
     cycles_per_metre = reference_frequency_hz(radar) / SPEED_OF_LIGHT
@@ -125,21 +107,21 @@ def _moments(
     point, velocity = moved(mid.rx_point, device), moved(mid.rx_velocity, device)
     tx_length, tx_rate = moved(mid.tx_length, device)[:, None], moved(mid.tx_rate, device)[:, None]
 
-    centre_leg, centre_rate = _legs(point, velocity, elements.centre)
+    centre_leg, centre_rate = _legs(point, velocity, centre)
     total = cycles_per_metre * frame_s * (tx_rate + centre_rate)
     delta = total - cell.frequency
     delta -= waveform.chirps * torch.floor(delta / waveform.chirps + 0.5)
     ranged = tx_length + lead * tx_rate
     range_cell = torch.floor(bins_per_metre * (ranged + centre_leg + lead * centre_rate) * CELLS_PER_BIN + 0.5)
     slot = range_cell.to(torch.int64) % len(cell.needed)
-    node = torch.floor((delta - table.lowest_delta) / DELTA_STEP + 0.5).to(torch.int64)
-    kept = (node >= 0) & (node < table.response.shape[1])
-    node = node.clamp(0, table.response.shape[1] - 1)
-    curvature = torch.floor(moved(mid.curvature, device) / CURVATURE_STEP + 0.5).to(torch.int64) - table.lowest_q
-    response = table.response[curvature.clamp(0, len(table.response) - 1)[:, None], node]
-    origin = total - delta + table.lowest_delta + node * DELTA_STEP
+    node = torch.floor((delta - lowest_delta) / DELTA_STEP + 0.5).to(torch.int64)
+    kept = (node >= 0) & (node < responses.shape[1])
+    node = node.clamp(0, responses.shape[1] - 1)
+    curvature = torch.floor(moved(mid.curvature, device) / CURVATURE_STEP + 0.5).to(torch.int64) - lowest_q
+    response = responses[curvature.clamp(0, len(responses) - 1)[:, None], node]
+    origin = total - delta + lowest_delta + node * DELTA_STEP
 
-    leg, rate = (part.unflatten(1, (-1, BLOCK)) for part in _legs(point, velocity, elements.rx))
+    leg, rate = (part.unflatten(1, (-1, BLOCK)) for part in _legs(point, velocity, rx))
     amplitude = moved(mid.amplitude, device).to(torch.complex64)[:, None, None]
     echo = amplitude * phasors(cycles_per_metre * (tx_length[..., None] + leg), torch.complex64)
     offset = range_cell / CELLS_PER_BIN - bins_per_metre * ranged

@@ -7,12 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from oracles import mirror_path, mirrored
 
-from datafactory.paths.unfold import (
-    image_seen_from_tx,
-    mirrored_velocity,
-    tx_image_seen_from_rx,
-    unit,
-)
+from datafactory.paths.rows import image_seen_from_tx, mirrored_velocity, tx_image_seen_from_rx
+from shared.physics.vectors import unit
 
 Plane = tuple[NDArray[np.float64], NDArray[np.float64]]
 ORIGIN = np.zeros(3)
