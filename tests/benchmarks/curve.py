@@ -73,7 +73,10 @@ def draw(lines: dict[str, list[tuple[int, Score]]], levels: dict[str, Score], ou
             spread = [[one.value - one.low for one in found], [one.high - one.value for one in found]]
             axis.errorbar([used for used, _ in points], [one.value for one in found], spread,
                           fmt="o-", capsize=3, label=name)  # fmt: skip
+        counts = sorted({used for points in lines.values() for used, _ in points})
         axis.set(xscale="log", xlabel="frames trained on", title=title)
+        axis.set_xticks(counts, [str(count) for count in counts])
+        axis.minorticks_off()
         axis.grid(alpha=0.3)
     axes[0].legend(fontsize=8)
     figure.savefig(out, dpi=110)
