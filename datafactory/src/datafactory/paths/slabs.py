@@ -161,12 +161,12 @@ def _over(one, other):
 
 
 @compiled()
-def onto_planes(index, start, direction, distance, triangle, normals, heights):
+def onto_planes(index, start, lifted, direction, distance, triangle, normals, heights):
     """Where n of m rays meet triangles.
 
     :param index: [n] of the rays that do
-    :param start: [m, 3] [m]; :param direction: [m, 3] unit
-    :param distance: [m] along the ray as the ray caster has it, to float32 [m]
+    :param start: [m, 3] [m]; :param lifted: [m, 3] where the ray caster began [m]; :param direction: [m, 3] unit
+    :param distance: [m] along the ray from there as the ray caster has it, to float32 [m]
     :param triangle: [n] that was met
     :param normals: [T, 3] unit, of all triangles; :param heights: [T] of their planes over the origin [m]
     :return: points [n, 3], normals [n, 3] on the side of arrival, cosines [n] of incidence, 0 where the triangle has no
@@ -176,12 +176,13 @@ def onto_planes(index, start, direction, distance, triangle, normals, heights):
     point, normal, cosine, length = np.empty((count, 3)), np.empty((count, 3)), np.zeros(count), np.empty(count)
     for k in range(count):
         ray, which = index[k], triangle[k]
-        slope, height = 0.0, heights[which]
+        slope, height, cast = 0.0, heights[which], heights[which]
         for i in range(3):
             slope += normals[which, i] * direction[ray, i]
             height -= normals[which, i] * start[ray, i]
+            cast -= normals[which, i] * lifted[ray, i]
         along = distance[ray]
-        if slope != 0.0 and abs(height / slope - along) <= ON_ITS_PLANE * along:
+        if slope != 0.0 and abs(cast / slope - along) <= ON_ITS_PLANE * along:
             along = height / slope
         side = -1.0 if slope > 0.0 else 1.0
         square = 0.0

@@ -199,7 +199,7 @@ class View:
         mesh = self.mesh_of_number[met.shape[valid]]
         triangle = self.merged.first[mesh] + met.primitive[valid]
         point, normal, cosine, distance = onto_planes(
-            valid, waves.start, waves.direction, met.distance, triangle, self.normals, self.heights
+            valid, waves.start, waves.lifted, waves.direction, met.distance, triangle, self.normals, self.heights
         )
         good = np.flatnonzero(cosine > 0.0)
         return valid[good], Hits(point, normal, triangle, mesh, cosine, distance).take(good)
