@@ -32,7 +32,7 @@ FRAMES_PER_SHARD = 8
 MOST_FRAMES = 8
 """Of a portion: their images share matrices, which cost as much as eight images."""
 PORTIONS_A_WORKER = 2
-"""At least, where there are frames enough: so much less is waited for the last of them."""
+"""Of what is left, as if they were alike."""
 
 PATHS = "paths"
 """Folder of traced paths, beside the splits."""
@@ -103,16 +103,19 @@ class Portion:
 def portions_of(plans: Sequence[ShardPlan], workers: int) -> tuple[Portion, ...]:
     """The frames of shards in portions, in their order; no byte depends on how they are cut.
 
+    Where several share them, portions become smaller as fewer frames are left: no worker waits long for another's last.
+
     :param workers: that share them
     """
-    frames = sum(len(plan.frame_ids) for plan in plans)
-    most = min(max(frames // (PORTIONS_A_WORKER * workers), 1), MOST_FRAMES)
-    portions = []
+    left, portions = sum(len(plan.frame_ids) for plan in plans), list[Portion]()
     for plan in plans:
-        pieces = -(-len(plan.frame_ids) // most)
-        size = -(-len(plan.frame_ids) // pieces)  # 4 and 4 of 8 frames rather than 7 and 1
-        firsts = range(0, len(plan.frame_ids), size)
-        portions += [Portion(plan, plan.frame_ids[first : first + size]) for first in firsts]
+        rest = plan.frame_ids
+        while rest:
+            most = min(max(left // (PORTIONS_A_WORKER * workers), 1), MOST_FRAMES)
+            size = -(-len(rest) // -(-len(rest) // most))  # 4 and 4 of 8 frames rather than 7 and 1
+            portions.append(Portion(plan, rest[:size]))
+            rest = rest[size:]
+            left -= size if workers > 1 else 0
     return tuple(portions)
 
 
