@@ -5,7 +5,8 @@
 One chirp of 256 samples by the 192 channels of TI's cascade: a reflector at 4.6 m, 50 to 65 dB over the noise of a
 channel, and thirty echoes of a small room, 0 to 25 dB over it. Each frame is recorded by a board of its own, calibrated
 as :class:`trainer.run.configuration.Imperfections` has it, and by boards of which one fault is taken away. The fit is
-told what the calibration of each board reports of its model error. Printed for each kind of board: the lines within 30
+told what the calibration of each board reports of its model error, and the frame's noise as ``trainer import`` measures
+it. Printed for each kind of board: the lines within 30
 and within 40 dB of the reflector that stand at no echo, sorted by whether they share its range (ghosts) or not
 (sidelobes), echoes listed, and how many lines are true by the probability that they were given.
 """
@@ -92,6 +93,7 @@ def add(tally: Tally, recorder: BoardErrors, radar: Radar, number: int, method: 
         7, number, [0], torch.from_numpy(ideal[None].astype(np.complex64)), torch.tensor([noise]), np.zeros(1)
     )
     rows = values[0].numpy()
+    noise = float(np.median(np.abs(rows) ** 2) / np.log(2.0))  # the converter's is in it
     level = max(MODEL_ERROR_DB, 10.0 * float(np.log10(max(float(errors[0]), 1e-9)))) if told else MODEL_ERROR_DB
     image = ESTIMATORS[method]().image(rows, array, radar.grid.u, noise)[None]
     seen = Cells(rows[None], np.zeros((1, len(rows)), np.float32))

@@ -93,6 +93,33 @@ def test_elements_that_err_make_no_ghosts_for_who_is_told_of_it() -> None:
     assert ghosts[-20.0] == 0
 
 
+def test_sidebands_of_an_oscillator_are_no_echoes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A reflector's phase noise stands at its angle in every range bin; what rises out of it there is an echo."""
+    generator = np.random.default_rng(3)
+    seen = at_rest([150.0, 400.0, 450.0], [0.1, -0.5, 0.1], [90.0, 20.0, 35.0])
+    drawn = generator.standard_normal((seen.shape[1] + 2, 2)) @ [0.5**0.5, 1j * 0.5**0.5]
+    windowed = (drawn[1:-1] - 0.5 * drawn[:-2] - 0.5 * drawn[2:]) / 1.5**0.5
+    front = seen[0, 150] / np.abs(seen[0, 150])
+    seen = seen + amplitude_of(8.0, RADAR) * windowed[:, None] * front
+
+    def far(found: Detections) -> list[float]:
+        beyond = np.abs(found.range_m / STEP - 150.0) > 60.0
+        return sorted((found.range_m[beyond] / STEP).round())
+
+    assert far(detect(seen, np.zeros((1, 630)))) == [400.0, 450.0]
+    monkeypatch.setattr("trainer.run.detections.SIDEBANDS_DB", np.inf)
+    assert len(far(detect(seen, np.zeros((1, 630))))) > 50
+
+
+def test_what_leaks_from_tx_to_rx_at_range_zero_is_no_target() -> None:
+    generator = np.random.default_rng(4)
+    seen = at_rest([200.0], [0.1], [30.0])
+    leakage = amplitude_of(40.0, RADAR) * np.exp(2j * np.pi * generator.random(seen.shape[2]))
+    seen[0, :2] += np.array([1.0, -0.5])[:, None] * leakage
+    found = detect(seen, np.zeros((1, 630)))
+    assert found.range_m / STEP == pytest.approx([200.0], abs=0.1)
+
+
 def test_range_is_interpolated_where_both_neighbours_show_the_target() -> None:
     for offset in (-0.4, 0.0, 0.25):
         found = detect(at_rest([150.0 + offset], [0.2], [35.0]), np.zeros((1, 630)))
