@@ -2,9 +2,8 @@
 
 A target stands in several range bins and Doppler cells: the Hann window's main lobe is four of either wide, and its
 sidelobes begin at -31 dB. A cell above a threshold and the cells of its two neighbouring bins at the same Doppler are a
-group, in which one decision is made on the number of lines. A target belongs to the group of its own bin: of the groups
-that see it the one with most energy lists it, and lists all that it has resolved there. A line is none that the
-window's sidelobes of a stronger one explain, alone or with what noise may add.
+group, in which one decision is made on the number of lines. Which of them are targets says
+:mod:`trainer.run.targets_once`.
 
 The false alarms of a frame are those of first lines in noise, all Doppler cells searched among which the fitted ones
 were chosen; as many are allowed to further lines in the groups that were heard.
@@ -40,6 +39,7 @@ from trainer.estimators.moves import beside_lines
 from trainer.estimators.velocities import UNIFORM, velocity_offsets
 from trainer.run.certainty import line_probability
 from trainer.run.false_alarms import first_line_probability
+from trainer.run.targets_once import Beams, Lines
 
 CANDIDATES = 6
 """Peaks of a row's score that its fit begins with: the fit adds what is missing and drops what is needless."""
@@ -53,14 +53,9 @@ OWN_BINS = 0.75
 the offset loses no target between two bins; what both have is listed once."""
 PLACED_BINS = 0.5
 """A line whose range its cells tell no better, half a bin, is the flank of a sidelobe, at whatever level fits."""
-SAME_BINS = 1.0
-"""Lines of different groups so near in range are one target's: groups of neighbouring bins fit it each for itself."""
 SAME_ANGLE_CELLS = 0.5
 """Lines of different groups at most so far apart, in resolution cells of the array, are one target's: the Hann window's
 neighbours tell its angle to a fraction of that, and pairs half a cell apart are resolved within one group."""
-LOBE_MARGIN_DB = 3.0
-"""A line so far above what the window gives a stronger one there is a target of its own: twice its power, which noise
-seldom adds."""
 GHOST_PROBABILITY = 1e-3
 """That errors of single elements add up to more than what is taken for a ghost, at one angle: as they add up at random,
 their power is exponentially distributed about its mean."""
@@ -70,15 +65,8 @@ REPORTED_WITHIN_DB = 3.3
 SIDEBANDS_DB = 45.0
 """Below a line of one chirp: there an oscillator's phase noise is looked for, alike in all channels and so at the angle
 of what it belongs to. It averages over the chirps."""
-SIDEBAND_BINS, SIDEBAND_GUARD = 12, 2
-"""How far to either side of a line the angle is listened at, and how far its own main lobe reaches."""
-SIDEBAND_FACTOR = 18.0
-"""Of the median power there: -ln(1e-4) times the mean, which is the median / ln 2 of an exponential distribution, and
-1.4 dB more, since a line stands where it is strongest, between bins too."""
 LEAST_BIN = 1.0
 """Nearer stands what leaks from the TX into the RX, at range zero, of any phase in each channel."""
-LEAST_OFFSET = 1.5
-"""Bins from a peak where the window's response has fallen and its envelope begins."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +174,7 @@ def find_detections(
     half_bin = 0.5 * radar.grid.step
     shown = (u >= axis[0] - half_bin) & (u <= axis[-1] + half_bin) & (np.abs(offset) <= OWN_BINS)
     shown &= ~(offset_std > PLACED_BINS) & (row[group] + offset >= LEAST_BIN)
-    lines = _Lines(group, energy, row[group] + offset, cells[peak[group], row[group]], u, amplitude_to_db(amplitude))
+    lines = Lines(group, energy, row[group] + offset, cells[peak[group], row[group]], u, amplitude_to_db(amplitude))
     near = SAME_ANGLE_CELLS * array.resolution_cell
     kept = lines.once(np.flatnonzero(shown), near, waveform.chirps)
     kept = lines.explained_by_none(kept, near, waveform.chirps, float(np.sqrt(least / array.channels)))
@@ -194,7 +182,7 @@ def find_detections(
     error = max(model_error_ratio(sought.model_error_db) - model_error_ratio(MODEL_ERROR_DB), 0.0)
     ghosts = -np.log(GHOST_PROBABILITY) * error * float(db_to_power(REPORTED_WITHIN_DB))
     kept = lines.no_ghosts(kept, array, ghosts, waveform.chirps)
-    beams = _Beams(snapshots, np.where(new, cells, np.iinfo(np.int64).max), range_m, array)
+    beams = Beams(snapshots, np.where(new, cells, np.iinfo(np.int64).max), range_m, array)
     kept = lines.no_sidebands(kept, beams, SIDEBANDS_DB + float(power_to_db(waveform.chirps)))
     peaks, rows = peak[group[kept]], row[group[kept]]
     head = None if probability is None else _around(probability, peaks, rows, u[kept], axis)
@@ -251,146 +239,10 @@ def _patterns(
                 yield {step: beside[step][members] if step else peak[members] for step in steps}, members
 
 
-@dataclass(frozen=True, eq=False)
-class _Beams:
-    """What a frame's cells hold of a wave front.
-
-    :param snapshots: [D, R, C], each bin straightened for its range
-    :param cells: [D, R] the Doppler cell of each
-    :param range_m: [R] of the bins
-    """
-
-    snapshots: NDArray[np.complexfloating]
-    cells: NDArray[np.int64]
-    range_m: NDArray[np.float64]
-    array: LineArray
-
-    def front(self, range_m: float, u: float) -> NDArray[np.complex128]:
-        """[R, C] the front that comes from a place, as it stands in each bin."""
-        bend = self.array.bend_phase(np.array([range_m])) * (1.0 - u**2) - self.array.bend_phase(self.range_m)
-        return np.asarray(self.array.manifold(u) * np.exp(1j * bend))
-
-    def power(self, front: NDArray[np.complex128], cell: int) -> NDArray[np.float64]:
-        """[R] of a front [R, C] in each bin of a Doppler cell; NaN where the cell is not known."""
-        power = np.full(len(front), np.nan)
-        peak, row = np.nonzero(self.cells == cell)
-        power[row] = np.abs(np.mean(self.snapshots[peak, row] * front[row].conj(), axis=1)) ** 2
-        return power
-
-
-@dataclass(frozen=True, eq=False)
-class _Lines:
-    """N lines of all groups.
-
-    :param group: [N] index of its group
-    :param energy: [N] of its group's cells
-    :param place: [N] range bin with its fraction
-    :param cell: [N] Doppler cell
-    :param u: [N] sin(azimuth); :param level_db: [N] of the amplitude [dB re 1 sqrt(W)]
-    """
-
-    group: NDArray[np.intp]
-    energy: NDArray[np.float64]
-    place: NDArray[np.float64]
-    cell: NDArray[np.int64]
-    u: NDArray[np.float64]
-    level_db: NDArray[np.float64]
-
-    def _apart(self, index: int, others: NDArray[np.intp], chirps: int) -> tuple[NDArray, NDArray]:
-        """How far others are from a line: range bins, and Doppler cells the short way round."""
-        cells = (self.cell[others] - self.cell[index] + 0.5 * chirps) % chirps - 0.5 * chirps
-        return np.abs(self.place[others] - self.place[index]), np.abs(cells)
-
-    def _window_db(self, index: int, others: NDArray[np.intp], chirps: int) -> NDArray[np.float64]:
-        """At most what the windows leave of others at the place of a line, which may be half a cell off [dB]."""
-        bins, cells = self._apart(index, others, chirps)
-        return hann_envelope_db(np.maximum(bins - 0.5, 0.0)) + hann_envelope_db(np.maximum(cells - 0.5, 0.0))
-
-    def once(self, lines: NDArray[np.intp], near: float, chirps: int) -> NDArray[np.intp]:
-        """Those that no group of more energy has at the same place."""
-        order = lines[np.lexsort((self.group[lines], -self.energy[lines]))]
-        kept = np.zeros(len(self.u), dtype=bool)
-        for index, beside in self._neighbours(order, near):
-            others = beside[kept[beside] & (self.group[beside] != self.group[index])]
-            bins, cells = self._apart(index, others, chirps)
-            kept[index] = not ((bins < SAME_BINS) & (cells < 0.5)).any()
-        return order[kept[order]]
-
-    def explained_by_none(self, lines: NDArray[np.intp], near: float, chirps: int, noise: float) -> NDArray[np.intp]:
-        """The strongest first; without those that a stronger one's window explains, or it and ``noise`` [sqrt(W)]."""
-        order = lines[np.argsort(-self.level_db[lines], kind="stable")]
-        kept = np.zeros(len(self.u), dtype=bool)
-        for index, beside in self._neighbours(order, near):
-            others = beside[kept[beside] & (self.group[beside] != self.group[index])]
-            bins, cells = self._apart(index, others, chirps)
-            window = self._window_db(index, others, chirps)
-            there = (bins >= SAME_BINS) | (cells > 0.5)
-            explained = np.sqrt(db_to_power(self.level_db[others] + window + LOBE_MARGIN_DB)) + noise
-            kept[index] = not (there & (self.level_db[index] < amplitude_to_db(explained))).any()
-        return order[kept[order]]
-
-    def no_ghosts(self, lines: NDArray[np.intp], array: LineArray, error: float, chirps: int) -> NDArray[np.intp]:
-        """Those above what elements that err, by ``error`` of the power, make of stronger lines, as wide as these."""
-        power = db_to_power(self.level_db)
-        kept = np.ones(len(lines), dtype=bool)
-        for place, index in enumerate(lines if error > 0.0 else ()):
-            above = lines[power[lines] > power[index]]
-            window = db_to_power(self._window_db(index, above, chirps))
-            ghost = error * np.sum(power[above] * window * array.ghost_share(self.u[above] - self.u[index]))
-            kept[place] = power[index] > ghost
-        return lines[kept]
-
-    def no_sidebands(self, lines: NDArray[np.intp], beams: _Beams, below_db: float) -> NDArray[np.intp]:
-        """Those that stand out of the sidebands of each line so far above them.
-
-        An oscillator's phase noise spreads an echo over all range bins, with the wave front of the echo, alike in all
-        channels. How strong it is there, the bins around a line tell.
-        """
-        level_db, kept = self.level_db[lines], np.ones(len(lines), dtype=bool)
-        for strong in lines[level_db - level_db.min(initial=np.inf) > below_db]:
-            front = beams.front(self.place[strong] * beams.range_m[1], self.u[strong])
-            heard = beams.power(front, self.cell[strong])
-            below = (level_db < self.level_db[strong] - below_db) & (self.cell[lines] == self.cell[strong])
-            for place in np.flatnonzero(below & kept):
-                line = lines[place]
-                own = np.broadcast_to(beams.array.manifold(self.u[line]), front.shape)
-                bins = slice(int(self.place[line]), int(self.place[line]) + 2)  # on either side of it
-                share = np.max(np.abs(np.mean(own[bins].conj() * front[bins], axis=1)) ** 2)
-                sidebands = share * _around_median(heard, self.place[line])
-                kept[place] = np.nanmax(beams.power(own, self.cell[line])[bins]) > SIDEBAND_FACTOR * sidebands
-        return lines[kept]
-
-    def _neighbours(self, order: NDArray[np.intp], near: float) -> Iterator[tuple[int, NDArray[np.intp]]]:
-        """(line, those of ``order`` at its angle), one after the other."""
-        by_angle = order[np.argsort(self.u[order], kind="stable")]
-        first = np.searchsorted(self.u[by_angle], self.u[order] - near, side="left")
-        last = np.searchsorted(self.u[by_angle], self.u[order] + near, side="right")
-        for index, start, stop in zip(order.tolist(), first, last, strict=True):
-            yield index, by_angle[start:stop]
-
-
-def _around_median(power: NDArray[np.float64], place: float) -> float:
-    """Median of what is known of a power [R] around a range bin; 0 where that is less than half."""
-    apart = np.abs(np.arange(len(power)) - place)
-    around = power[(apart > SIDEBAND_GUARD) & (apart <= SIDEBAND_BINS)]
-    known = around[np.isfinite(around)]
-    return float(np.median(known)) if len(known) >= SIDEBAND_BINS - SIDEBAND_GUARD else 0.0
-
-
 def new_peaks(velocity: NDArray[np.floating]) -> NDArray[np.bool_]:
     """[D, R] which Doppler peaks of a range bin, by their velocities [D, R], do not repeat an earlier one."""
     new = [(velocity[:d] != velocity[d]).all(axis=0) for d in range(len(velocity))]
     return np.array(new, dtype=bool).reshape(velocity.shape)
-
-
-def hann_envelope_db(offset: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Level of a Hann window's response [dB] at most, this many bins from its peak: 0 below 1.5, then its envelope.
-
-    The response is sinc(x) / (1 - x^2), that of its sidelobes at most 1 / (pi x (x^2 - 1)).
-    """
-    distance = np.maximum(np.abs(np.asarray(offset, dtype=np.float64)), LEAST_OFFSET)
-    fallen = -20.0 * np.log10(np.pi * distance * (distance**2 - 1.0))
-    return np.where(np.abs(offset) < LEAST_OFFSET, 0.0, fallen)
 
 
 def _around(
