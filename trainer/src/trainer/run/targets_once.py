@@ -21,6 +21,8 @@ SAME_BINS = 1.0
 LOBE_MARGIN_DB = 3.0
 """A line so far above what the window gives a stronger one there is a target of its own: twice its power, which noise
 seldom adds."""
+FLANK_DB = -50.0
+"""Of a window: weaker flanks of a ghost are not looked at."""
 SIDEBAND_BINS, SIDEBAND_GUARD = 12, 2
 """How far to either side of a line the angle is listened at, and how far its own main lobe reaches."""
 SIDEBAND_FACTOR = 18.0
@@ -114,8 +116,10 @@ class Lines:
         kept = np.ones(len(lines), dtype=bool)
         for place, index in enumerate(lines if error > 0.0 else ()):
             above = lines[power[lines] > power[index]]
-            window = db_to_power(self._window_db(index, above, chirps))
-            ghost = error * np.sum(power[above] * window * array.ghost_share(self.u[above] - self.u[index]))
+            window_db = self._window_db(index, above, chirps)
+            beside = window_db > FLANK_DB
+            near, window = above[beside], db_to_power(window_db[beside])
+            ghost = error * np.sum(power[near] * window * array.ghost_share(self.u[near] - self.u[index]))
             kept[place] = power[index] > ghost
         return lines[kept]
 
