@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from datafactory.frame import changes
 from datafactory.paths.candidates import PANE
 from datafactory.paths.density import cell_map
-from datafactory.paths.notice import Notice
+from datafactory.paths.notice import Notice, strongest
 from datafactory.paths.table import CORNER, DIFFRACTED, DIFFUSE, REFRACTED, SPECULAR, TARGET, PathTable
 from shared.radar import Radar
 
@@ -63,9 +63,11 @@ def doppler_called_for(paths: PathTable, radar: Radar, truth_window: str, limit_
         return False
     if limit_w == 0.0:
         return True
-    rates = changes.range_rates_mps(paths, radar.waveform)
-    share = changes.doppler_change(rates, radar.waveform) ** 2
-    return bool(cell_map(paths, radar, truth_window).sums(share).max(initial=0.0) > limit_w)
+    for some in (strongest(paths), paths):  # a few are enough in most frames that move
+        share = changes.doppler_change(changes.range_rates_mps(some, radar.waveform), radar.waveform) ** 2
+        if cell_map(some, radar, truth_window).sums(share).max(initial=0.0) > limit_w:
+            return True
+    return False
 
 
 def bounces_more_than_once(paths: PathTable) -> NDArray[np.bool_]:

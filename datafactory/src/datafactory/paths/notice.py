@@ -67,7 +67,7 @@ class Notice:
         """
         budget, noise = float(db_to_power(self.budget_db)), cell_noise_power(self.radar)
         if self.below_noise:
-            few = _strongest(table).within(self.radar).illuminated(self.front_end)
+            few = strongest(table).within(self.radar).illuminated(self.front_end)
             amplitude = np.concatenate([few.scattered.amplitude, few.specular.amplitude])
             power = self._in_focus(few) * np.abs(amplitude) ** 2
             if budget * float(np.max(power, initial=0.0)) >= noise:
@@ -126,7 +126,7 @@ def _is_first(paths: ScatteredPaths | SpecularPaths) -> Mask:
     return (paths.depth == 1) & ((paths.kinds == DIFFUSE) | (paths.kinds == SPECULAR))
 
 
-def _strongest(table: PathTable) -> PathTable:
+def strongest(table: PathTable) -> PathTable:
     """Of either kind the ``FEW`` first echoes that are strongest on isotropic antennas."""
     chosen = []
     for paths in (table.scattered, table.specular):
