@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Float64
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
-from shared.physics.errors import InputError
-from shared.physics.telling import Told
+from shared.physics.errors import InputError, Told
 from shared.physics.units import BOLTZMANN, REFERENCE_TEMPERATURE, db_to_power
 from shared.radar.arrays import AntennaArray, avr_qdm_110, virtual_sensor_256
 from shared.radar.front_end import FrontEnd
