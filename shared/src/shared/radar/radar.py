@@ -122,6 +122,11 @@ class Radar(Told, BaseModel):
         ])  # fmt: skip
 
     @property
+    def of_one_chirp(self) -> Radar:
+        """This radar with frames of a single chirp."""
+        return self.model_copy(update={"waveform": self.waveform.model_copy(update={"chirps": 1})})
+
+    @property
     def sample_noise_power_w(self) -> float:
         """Receiver noise in one complex sample, k T0 F f_s [W]."""
         noise_factor = float(db_to_power(self.front_end.noise_figure_db))
