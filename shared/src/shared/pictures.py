@@ -1,5 +1,5 @@
-"""Magnitudes as levels that a picture can show, drawn into an axis of matplotlib, over u or from above; figures written
-to files.
+"""One look for all pictures of range-angle images, whoever draws them: one colour map, one span, the radar's left on
+the left, no target lost between the pixels.
 
 Matplotlib is not imported here: axes and figures are those of the caller.
 """
