@@ -31,11 +31,10 @@ def chosen(name):
     return RADAR.array.channel_indices(AVR_QDM_110_THINNED_RX[name])
 
 
-def network(name="sparse4", seed=0, trained=False, **changes):
+def network(name="sparse4", seed=0, trained=False, plain=PLAIN, learned=LEARNED, **changes):
     """Fresh, or with weights as training may leave them."""
     torch.manual_seed(seed)
-    given = {"exponent": EXPONENT, "plain": PLAIN, "learned": LEARNED, "width": 4, **changes}
-    made = UnrolledNetwork(RADAR, chosen(name), "taylor-30", **given)
+    made = UnrolledNetwork(RADAR, chosen(name), "taylor-30", EXPONENT, (plain, learned), 4, **changes)
     if trained:
         with torch.no_grad():
             for parameter in made.parameters():

@@ -69,7 +69,7 @@ def _network(config: FitConfig, radar: Radar, channels: NDArray[np.intp]) -> nn.
     bins = radar.grid.bins
     if config.model == "unrolled":
         return UnrolledNetwork(
-            radar, channels, config.truth_window, config.exponent, config.iterations, config.learned, config.width,
+            radar, channels, config.truth_window, config.exponent, (config.iterations, config.learned), config.width,
             detects=config.detection > 0, told=config.told > 0,
         )  # fmt: skip
     if config.model == "doa-cnn":
