@@ -56,7 +56,7 @@ def draw_image(axis: Axes, radar: Radar) -> None:
     """Delay-and-sum of the azimuth line over u."""
     angle = np.deg2rad(ANGLE_DEG)
     place = RANGE_M * np.array([[np.cos(angle), np.sin(angle), 0.0]])
-    one_chirp = radar.model_copy(update={"waveform": radar.waveform.model_copy(update={"chirps": 1})})
+    one_chirp = radar.of_one_chirp
     chirp = if_signal(one_chirp, place, np.zeros((1, 3)), np.ones(1))[0]
     middle = radar.waveform.samples // 2
     tone = np.exp(-4j * np.pi * radar.waveform.slope_hz_per_s * RANGE_M / 299_792_458.0

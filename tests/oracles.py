@@ -198,3 +198,12 @@ def interpolated_peak(magnitude: Real) -> float:
         return float(top)
     left, middle, right = np.log(magnitude[top - 1 : top + 2])
     return top + 0.5 * float(left - right) / float(left - 2.0 * middle + right)
+
+
+def receiver_noise(radar: Radar, generator: np.random.Generator) -> NDArray[np.complex64]:
+    """[chirps, samples, channels] circular white Gaussian noise of k T0 F f_s [W] a sample."""
+    shape = (radar.waveform.chirps, radar.waveform.samples, radar.array.channels)
+    deviation = np.float32(np.sqrt(radar.sample_noise_power_w / 2.0))
+    noise = generator.standard_normal((*shape, 2), dtype=np.float32)
+    noise *= deviation
+    return noise.view(np.complex64)[..., 0]

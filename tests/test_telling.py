@@ -12,7 +12,7 @@ from small_dataset import make_dataset, make_frame
 from datafactory import load_radar, load_scene
 from datafactory.api.planning import ScenePlan
 from datafactory.effects.plan import Decision, EffectPlan
-from shared.physics.telling import Told
+from shared.physics.errors import Told
 from shared.radar import Radar
 from trainer import RadarDataset, load_imager, pretrained_run
 from trainer.data.dataset import Example

@@ -18,8 +18,8 @@ from datafactory.cli.app import app as datafactory
 from datafactory.cli.examples import EXAMPLES as OF_DATAFACTORY
 from shared.radar import load_radar
 from shared.signal.signal import if_signal
+from trainer.cli.app import EXAMPLES as OF_TRAINER
 from trainer.cli.app import app as trainer
-from trainer.cli.examples import EXAMPLES as OF_TRAINER
 
 APPS = {"datafactory": datafactory, "trainer": trainer}
 GROUPS: dict[str, Any] = {program: get_command(app) for program, app in APPS.items()}

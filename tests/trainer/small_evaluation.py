@@ -2,18 +2,15 @@
 
 from dataclasses import replace
 
-import pytest
-import torch
+import command_line
 from tiny_radar import RADAR as SHORT_RADAR
 from tiny_radar import frame, tiny, write_dataset
+from tiny_run import run_of
 
-from trainer.cli.app import main
 from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.evaluate import evaluate
 from trainer.evaluation.experiments.bench import EvaluationConfig
 from trainer.evaluation.experiments.measured_input import read_measured
-from trainer.run.folder import Run, save_weights, write_run
-from trainer.run.imager import Imager
 
 RADAR = SHORT_RADAR.model_copy(
     update={"waveform": SHORT_RADAR.waveform.model_copy(update={"samples": 64, "range_bins": 48})}
@@ -45,13 +42,7 @@ def strong_dataset(directory, training=2):
 
 
 def make_run(directory, array=THIN, radar=RADAR, datasets=(), **changes):
-    """A run with random weights: what is tested here does not depend on what they learned."""
-    config = tiny(**changes)
-    torch.manual_seed(0)
-    directory.mkdir()
-    write_run(directory, Run(config=config, radar=radar, array=array, datasets=datasets))
-    save_weights(directory, Imager(config, radar, array))
-    return directory
+    return run_of(directory, radar, tiny(**changes), array, datasets)
 
 
 ASKED = ("runs", "methods", "arrays", "experiments")
@@ -78,7 +69,5 @@ def run_all(inputs, out, **changes):
 
 def status(capsys, monkeypatch, *arguments):
     """(exit status, standard error) of the command."""
-    monkeypatch.setattr("sys.argv", ["trainer", "evaluate", *map(str, arguments)])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    return caught.value.code, capsys.readouterr().err
+    code, _, said = command_line.status(capsys, monkeypatch, "evaluate", *arguments)
+    return code, said

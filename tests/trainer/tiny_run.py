@@ -10,8 +10,10 @@ from tiny_radar import RADAR, tiny
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
 from trainer.run.configuration import FitConfig
-from trainer.run.folder import Run, save_weights, write_run
+from trainer.run.folder import Fingerprint, Run, save_weights, write_run
 from trainer.run.imager import Imager
+
+MINE = ArrayChoice(name="mine", rx=(0, 1, 2, 5))
 
 
 def make_run(directory: Path, **changes: object) -> Path:
@@ -19,12 +21,13 @@ def make_run(directory: Path, **changes: object) -> Path:
     return run_of(directory, RADAR, tiny(**changes))
 
 
-def run_of(directory: Path, radar: Radar, config: FitConfig) -> Path:
+def run_of(
+    directory: Path, radar: Radar, config: FitConfig, array: ArrayChoice = MINE, datasets: tuple[Fingerprint, ...] = ()
+) -> Path:
     """The same of any radar of six RX."""
-    array = ArrayChoice(name="mine", rx=(0, 1, 2, 5))
     torch.manual_seed(0)
     imager = Imager(config, radar, array)
     directory.mkdir()
-    write_run(directory, Run(config=config, radar=radar, array=array, datasets=()))
+    write_run(directory, Run(config=config, radar=radar, array=array, datasets=datasets))
     save_weights(directory, imager)
     return directory

@@ -193,7 +193,7 @@ def test_the_cases_above_decide_both_ways() -> None:
 @pytest.mark.parametrize("limit_w", [0.0, 1e-12])
 def test_a_standing_frame_is_standing_whatever_the_limit(limit_w: float, generator: np.random.Generator) -> None:
     assert not doppler_called_for(a_street(generator, 0.0, 2.0), RADAR, WINDOW, limit_w)
-    one_chirp = RADAR.model_copy(update={"waveform": RADAR.waveform.model_copy(update={"chirps": 1})})
+    one_chirp = RADAR.of_one_chirp
     assert not doppler_called_for(a_street(generator, 5.0, 2.0), one_chirp, WINDOW, limit_w)
 
 

@@ -6,13 +6,14 @@ import json
 
 import numpy as np
 import pytest
+from oracles import receiver_noise
 
 from shared.dataset.reading import radar_of
 from shared.physics.units import dbm_to_watt
 from shared.radar import Radar, load_radar
 from shared.radar.arrays import AntennaArray
 from shared.radar.front_end import Converter, FrontEnd, PhaseNoise
-from shared.radar.receiver import digitised, received, receiver_noise, with_phase_noise
+from shared.radar.receiver import digitised, received, with_phase_noise
 from shared.radar.waveform import Waveform
 from shared.signal import chirp_times, if_signal, target_amplitudes
 

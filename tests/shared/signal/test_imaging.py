@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from oracles import interpolated_peak, matched_filter_row, pixel_delays, reference_file
+from oracles import interpolated_peak, matched_filter_row, pixel_delays, receiver_noise, reference_file
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.truth import truth_moments
 from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AVR_QDM_110_THINNED_RX, AntennaArray, line
-from shared.radar.receiver import receiver_noise
 from shared.radar.waveform import Waveform
 from shared.signal import if_signal
 from shared.signal.adaptive import adaptive_tables

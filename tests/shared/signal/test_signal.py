@@ -6,13 +6,13 @@ import json
 
 import numpy as np
 import pytest
-from oracles import if_cube, reference_file, relative_error
+from oracles import if_cube, receiver_noise, reference_file, relative_error
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from shared.radar import FrontEnd, Radar
 from shared.radar.antenna import IsotropicPattern
 from shared.radar.arrays import AntennaArray
-from shared.radar.receiver import received, receiver_noise
+from shared.radar.receiver import received
 from shared.radar.waveform import Waveform
 from shared.signal import if_signal, round_trip_delays, target_amplitudes
 from shared.signal.spectrum import range_doppler

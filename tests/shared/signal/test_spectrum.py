@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from oracles import receiver_noise
 from scipy.signal import get_window
 
 from shared.radar import Radar
-from shared.radar.receiver import receiver_noise
 from shared.signal import if_signal
 from shared.signal.spectrum import RAYLEIGH_DEVIATION, RAYLEIGH_MEAN, range_doppler, select_doppler
 from shared.signal.windows import angle_window, cell_noise_power, hann

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles import reference_file
+from oracles import receiver_noise, reference_file
 
 from shared.radar import Radar, load_radar
 from shared.radar.arrays import AntennaArray, line
-from shared.radar.receiver import receiver_noise
 from shared.radar.waveform import Waveform
 from shared.signal import if_signal
 from shared.signal.signal import chirp_times

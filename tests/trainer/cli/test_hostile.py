@@ -48,6 +48,16 @@ def test_a_manifest_that_is_nested_deeply_is_one_line(tmp_path, capsys, monkeypa
     assert line.startswith(f"trainer: {tmp_path}/manifest.json: not readable as JSON")
 
 
+class Trap:
+    """Opens a file where it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return open, (str(self.path), "w")
+
+
 def test_a_checkpoint_of_something_else_is_one_line_that_names_it(tmp_path, capsys, monkeypatch, data):
     run = tmp_path / "run"
     assert status(capsys, monkeypatch, "fit", data, "--out", run, *SIZE)[0] == 0
@@ -63,6 +73,7 @@ def test_a_checkpoint_of_something_else_is_one_line_that_names_it(tmp_path, caps
         "of another network": content | {"state_dict": {"weight": torch.zeros(3)}},
         "of other loops": content | {"loops": {"fit_loop": 3}},
         "of other optimisers": content | {"optimizer_states": [{}]},
+        "code": content | {"state_dict": Trap(tmp_path / "executed")},
     }  # fmt: skip
     for name, value in changed.items():
         buffer = io.BytesIO()
@@ -73,6 +84,7 @@ def test_a_checkpoint_of_something_else_is_one_line_that_names_it(tmp_path, caps
         code, _, line = status(capsys, monkeypatch, "fit", data, "--out", run, *SIZE, "--resume")
         assert (code, line.count("\n")) == (2, 1), (name, line)
         assert line.startswith(f"trainer: {path}: "), (name, line)
+    assert not (tmp_path / "executed").exists()
     path.write_bytes(whole)
     assert status(capsys, monkeypatch, "fit", data, "--out", run, *SIZE, "--resume")[0] == 0
 

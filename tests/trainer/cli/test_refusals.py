@@ -117,6 +117,10 @@ PREDICT = [
     ("{run} {data} --points --points-format las", "--points-format: 'las'"),
     ("{run} {data} --points-format csv", "--points-format: 'csv' without --points"),
     ("{run} {data} --animation", "--animation: without --points"),
+    ("{cube} --method iaa --velocity fast", "--velocity: 'fast'"),
+    ("{cube} --method iaa --velocity 1,2,3", "--velocity: '1,2,3'"),
+    ("{cube} --method iaa --velocity nan,0", "--velocity: (nan, 0.0), yaw 0.0"),
+    ("{cube} --method iaa --mounting-yaw 30", "--mounting-yaw: without --velocity"),
 ]
 EXPORT = [
     ("none --out o.onnx", "none: no run.json"),

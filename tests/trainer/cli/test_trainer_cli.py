@@ -37,32 +37,26 @@ def test_a_run_that_failed_is_one_line_and_status_1(capsys, monkeypatch, error, 
     assert text.count("\n") == 1
 
 
-def test_an_interrupted_command_says_how_to_go_on(capsys, monkeypatch):
+@pytest.mark.parametrize(
+    ("work", "arguments", "advice"),
+    [
+        ("trainer.evaluation.evaluate.evaluate", ["evaluate", "data"],
+         "the same command with --resume goes on from the last checkpoint"),
+        ("trainer.run.predict.predict", ["predict", "x.npy", "--method", "das"],
+         "it has no --resume: run it again, into a new or emptied --out"),
+        ("trainer.captures.importing.import_capture", ["import", "x.bin", "--board", "iwr1843"],
+         "it has no --resume: run it again"),
+    ],
+)  # fmt: skip
+def test_an_interrupted_command_says_how_to_go_on(capsys, monkeypatch, work, arguments, advice):
     """As typer hands it on, which swallows Ctrl-C of its own accord."""
 
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("trainer.evaluation.evaluate.evaluate", interrupted)
-    code, _, text = status(capsys, monkeypatch, "evaluate", "data", "--out", "out")
-    assert code == 130
-    assert text.startswith("trainer: interrupted; the same command with --resume goes on")
-
-
-@pytest.mark.parametrize(
-    ("work", "arguments", "advice"),
-    [
-        ("trainer.run.predict.predict", ["predict", "x.npy", "--method", "das"], ", into a new or emptied --out"),
-        ("trainer.captures.importing.import_capture", ["import", "x.bin", "--board", "iwr1843"], ""),
-    ],
-)
-def test_an_interrupted_command_without_resume_says_to_run_it_again(capsys, monkeypatch, work, arguments, advice):
-    def interrupted(*_, **__):
-        raise KeyboardInterrupt
-
     monkeypatch.setattr(work, interrupted)
     code, _, text = status(capsys, monkeypatch, *arguments, "--out", "out.npz")
-    assert (code, text) == (130, f"trainer: interrupted; it has no --resume: run it again{advice}\n")
+    assert (code, text) == (130, f"trainer: interrupted; {advice}\n")
 
 
 def test_what_an_interrupted_predict_advises_works(tmp_path, capsys, monkeypatch):

@@ -196,16 +196,6 @@ def test_batches_by_pytorchs_own_collation_and_in_workers(tmp_path: Path) -> Non
         assert here.metadata["sensor_orientation"].shape == (4, 4)
 
 
-def test_what_is_wrong_is_said_at_once(tmp_path: Path) -> None:
-    small_dataset(tmp_path / "data")
-    with pytest.raises(InputError, match="no frames in split 'tests'"):
-        RadarDataset(tmp_path / "data", "tests")
-    with pytest.raises(InputError, match="no named array and no file"):
-        RadarDataset(tmp_path / "data", array="sparse5")
-    with pytest.raises(IndexError):
-        RadarDataset(tmp_path / "data", "test")[1]
-
-
 MUNICH = {"name": "munich", "content_sha256": "a" * 64, "source": "sionna:munich", "triangles": 38936}
 
 

@@ -116,7 +116,7 @@ def test_names_in_the_data_are_text_wherever_they_are_shown(inputs, tmp_path, ca
     out = tmp_path / "out"
     measured = shutil.copy(inputs[3], tmp_path / "$m{$.npy")
     arguments = [data, "--out", out, "--arrays", array, "--methods", "das", "--trials", "2", "--measured", measured]
-    assert status(capsys, monkeypatch, *arguments, "--workers", "1") == (None, "")
+    assert status(capsys, monkeypatch, *arguments, "--workers", "1") == (0, "")
     # One figure an experiment, and a second one of detection; of a street one an array.
     expected = {*NAMES, "detection-probability", "street-$a{$|"} - {"street"}
     assert {path.stem for path in (out / "figures").glob("*.png")} == expected

@@ -79,7 +79,7 @@ def values(out):
 def test_a_snapshot_needs_no_dataset(inputs, tmp_path, capsys, monkeypatch):
     out = tmp_path / "out"
     given = ["--measured", inputs[3], "--targets", "2", "--methods", "das,likes,ml,line-fit", "--workers", "1"]
-    assert status(capsys, monkeypatch, *given, "--out", out) == (None, "")
+    assert status(capsys, monkeypatch, *given, "--out", out) == (0, "")
     found = values(out)
     for method in ("likes", "ml", "line-fit"):
         assert found[method, "all 40", "angle 1 [deg]"] == pytest.approx(-4.0, abs=0.15)

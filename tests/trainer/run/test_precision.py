@@ -12,7 +12,7 @@ from tiny_radar import TINY, frame, tiny
 from tiny_run import make_run
 
 from trainer.run.folder import load_imager
-from trainer.run.precision import FLOAT32_INSTEAD, in_bfloat16, precision_remark
+from trainer.run.imager import FLOAT32_INSTEAD, in_bfloat16, precision_remark
 from trainer.run.predict import PredictRequest, predict
 
 WITHOUT: dict[str, bool] = {}

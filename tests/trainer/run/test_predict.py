@@ -298,21 +298,6 @@ def test_the_command_goes_before_the_file_and_the_file_before_the_frame(tmp_path
             motion()
 
 
-@pytest.mark.parametrize(
-    ("more", "problem"),
-    [
-        (["--velocity", "fast"], "--velocity: 'fast'; expected two numbers"),
-        (["--velocity", "1,2,3"], "--velocity: '1,2,3'; expected two numbers"),
-        (["--velocity", "nan,0"], "expected finite numbers"),
-        (["--mounting-yaw", "30"], "--mounting-yaw: without --velocity"),
-    ],
-)
-def test_a_velocity_that_is_none_is_refused(tmp_path, more, problem):
-    result = CliRunner().invoke(app, ["predict", "c.npz", "--method", "das", "--out", str(tmp_path / "out"), *more])
-    assert result.exit_code != 0
-    assert problem in str(result.exception) + result.output
-
-
 @pytest.mark.parametrize("model", ["das", "sparse6"])
 def test_cubes_one_by_one_give_what_the_command_gives(tmp_path, model: str) -> None:
     radar = Radar()

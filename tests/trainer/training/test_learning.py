@@ -9,7 +9,7 @@ from tiny_radar import NOISE_POWER, RADAR, TINY, frame, tiny
 
 from shared.signal.features import steering_weights
 from shared.signal.signal import manifold
-from trainer.data.arrays import ArrayChoice, choose_array
+from trainer.data.arrays import ArrayChoice
 from trainer.data.shards import BatchOrder
 from trainer.metrics.cells import truth_cells
 from trainer.run.configuration import FitConfig
@@ -175,14 +175,6 @@ def test_the_linear_loss_is_the_error_over_the_energy_of_truth_and_noise():
     torch.testing.assert_close(found[:3], expected[:3].float(), rtol=1e-5, atol=0)
     assert found[3] == 0.0
     assert not task._linear_losses(batch, torch.zeros_like(answer), scale, known)[2:].any()
-
-
-def test_arrays_by_name_and_by_file(tmp_path):
-    assert choose_array("full", RADAR).rx == (0, 1, 2, 3, 4, 5)
-    path = tmp_path / "mine.toml"
-    path.write_text("rx = [0, 2, 5]\n")
-    assert choose_array(str(path), RADAR) == ArrayChoice(name="mine", rx=(0, 2, 5))
-    assert choose_array(str(path), RADAR).channels(RADAR).tolist() == [0, 2, 5]
 
 
 def test_a_network_has_features_of_its_own_where_none_are_stated():

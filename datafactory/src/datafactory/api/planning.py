@@ -19,7 +19,7 @@ from datafactory.frame.deal import DealtFrame, PreparedScene
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.order import Order
 from datafactory.run.preparation import prepare
-from shared.physics.telling import Told
+from shared.physics.errors import Told
 
 MOST_FRAMES = 8
 """Frames of a scene whose decisions are told, spread over the run; each costs about as much as one that is rendered."""

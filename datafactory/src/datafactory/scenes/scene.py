@@ -17,7 +17,7 @@ from datafactory.scenes.chain import Chain
 from datafactory.scenes.motion import Instant, Motion, Moving, Track, Vector, drift, fastest_mps, triple, upright_axes
 from datafactory.scenes.targets.models import RcsModel
 from datafactory.scenes.things import Label, Population
-from shared.physics.telling import Told
+from shared.physics.errors import Told
 
 ZERO = (0.0, 0.0, 0.0)
 WORLD_AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

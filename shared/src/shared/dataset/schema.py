@@ -21,8 +21,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from shared.physics.errors import InputError
-from shared.physics.telling import Told
+from shared.physics.errors import InputError, Told
 from shared.processes.defaults import STORES
 from shared.radar import Radar
 

@@ -1,9 +1,10 @@
-"""The one error a user can cause, and its one-line form."""
+"""What a user is told: the one error that a user can cause, in one line, and what values say of themselves."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from html import escape
 
 LONGEST_IN_FIGURE = 60
 """Characters of a name: longer ones leave a figure no room."""
@@ -66,3 +67,13 @@ def meant(value: str, known: Iterable[str]) -> str:
     """``"; did you mean 'NAME'?"`` with the known name that ``value`` is like, to end a message; "" where none is."""
     near = get_close_matches(value, list(known), n=1)
     return f"; did you mean {near[0]!r}?" if near else ""
+
+
+class Told:
+    """For values that a user handles: ``__str__`` is one to five lines, and a notebook shows the same lines.
+
+    ``repr`` stays what the class makes it, with every field.
+    """
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(str(self))}</pre>"

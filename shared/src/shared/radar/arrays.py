@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Float64, Int
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
-from shared.physics.telling import Told
+from shared.physics.errors import Told
 from shared.physics.units import SPEED_OF_LIGHT
 
 Position = tuple[FiniteFloat, FiniteFloat, FiniteFloat]

@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Float64
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
-from shared.physics.errors import InputError
-from shared.physics.telling import Told
+from shared.physics.errors import InputError, Told
 from shared.physics.units import BOLTZMANN, REFERENCE_TEMPERATURE, db_to_power
 from shared.radar.arrays import AntennaArray, avr_qdm_110, virtual_sensor_256
 from shared.radar.front_end import FrontEnd
@@ -121,6 +120,11 @@ class Radar(Told, BaseModel):
             f"image: {waveform.range_bins} x {grid.bins} (range, u), u from {grid.u_start:g} to {grid.u_stop:g}",
             f"truth: of {self.virtual_sensor.channels} channels",
         ])  # fmt: skip
+
+    @property
+    def of_one_chirp(self) -> Radar:
+        """This radar with frames of a single chirp."""
+        return self.model_copy(update={"waveform": self.waveform.model_copy(update={"chirps": 1})})
 
     @property
     def sample_noise_power_w(self) -> float:

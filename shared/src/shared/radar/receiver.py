@@ -100,7 +100,10 @@ def _range_correlation(waveform: Waveform) -> Complex64[np.ndarray, "bins bins"]
 
 
 def with_receiver_noise(cube: Cube, radar: Radar, generator: np.random.Generator) -> Cube:
-    """The cube and :func:`receiver_noise`, drawn and added chirp by chirp, so that the noise stays in the cache."""
+    """The cube and circular white Gaussian noise of k T0 F f_s [W] a sample.
+
+    It is drawn and added chirp by chirp, so that the noise stays in the cache.
+    """
     deviation = np.float32(np.sqrt(radar.sample_noise_power_w / 2.0))
     result, noise = np.empty_like(cube), np.empty((*cube.shape[1:], 2), dtype=np.float32)
     for ideal, recorded in zip(cube, result, strict=True):
@@ -108,12 +111,3 @@ def with_receiver_noise(cube: Cube, radar: Radar, generator: np.random.Generator
         np.multiply(noise, deviation, out=noise)
         np.add(ideal, noise.view(np.complex64)[..., 0], out=recorded)
     return result
-
-
-def receiver_noise(radar: Radar, generator: np.random.Generator) -> Cube:
-    """[chirps, samples, channels] circular white Gaussian noise of k T0 F f_s [W] a sample."""
-    shape = (radar.waveform.chirps, radar.waveform.samples, radar.array.channels)
-    deviation = np.float32(np.sqrt(radar.sample_noise_power_w / 2.0))
-    noise = generator.standard_normal((*shape, 2), dtype=np.float32)
-    noise *= deviation
-    return noise.view(np.complex64)[..., 0]

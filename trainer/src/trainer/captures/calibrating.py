@@ -201,17 +201,13 @@ def _dead(captures: Sequence[RawCapture], responses: Sequence[Response]) -> NDAr
 
 def _demodulated(capture: RawCapture, place: Place) -> NDArray[np.complex128]:
     """[sample, C] the averaged chirp times the conjugate of the reflector's echo."""
-    echo = if_signal_of_delays(_one_chirp(capture.radar), _delays(capture.radar, place.position))[0]
+    echo = if_signal_of_delays(capture.radar.of_one_chirp, _delays(capture.radar, place.position))[0]
     return np.asarray(capture.cube[0, 0] * echo.conj())
-
-
-def _one_chirp(radar: Radar) -> Radar:
-    return radar.model_copy(update={"waveform": radar.waveform.model_copy(update={"chirps": 1})})
 
 
 def _delays(radar: Radar, position: NDArray[np.float64]) -> NDArray[np.float64]:
     """[C, 1] of an echo from a place that does not move [s]."""
-    return np.asarray(round_trip_delays(_one_chirp(radar), position, np.zeros(3)))
+    return np.asarray(round_trip_delays(radar.of_one_chirp, position, np.zeros(3)))
 
 
 def _spectrum(chirp: NDArray[np.complex128], bins: NDArray[np.float64]) -> NDArray[np.complex128]:

@@ -118,7 +118,7 @@ def read_capture(source: Path, reading: Reading) -> RawCapture:
                     problem, expected = f"{value!r} of {source}", f"no {option}: TI's file says how it is laid out"
                     raise InputError(option, problem, expected)
             chosen_frames(source, 1, reading.frames, radar)
-            radar = radar.model_copy(update={"waveform": radar.waveform.model_copy(update={"chirps": 1})})
+            radar = radar.of_one_chirp
             cube = read_cascade_calibration(source, arrays).samples(reading.board, radar)
         else:
             cube, axes = read_array_capture(source, radar, reading, arrays)

@@ -78,7 +78,7 @@ def snapshot(
     :param amplitudes: [K] complex [sqrt(W)]
     :param generator: of the receiver noise; None for none
     """
-    single = _one_chirp(radar)
+    single = radar.of_one_chirp
     cube = if_signal(single, positions_m, np.zeros_like(positions_m), amplitudes)
     if generator is not None:
         window = hann(radar.waveform.chirps)
@@ -93,7 +93,7 @@ def truth_image(
 ) -> NDArray[np.float32]:
     """[R, U] magnitude [sqrt(W)] that the virtual sensor sees of resting targets, noise free, as in the datasets."""
     sensor = radar.virtual_sensor
-    virtual = _one_chirp(radar).model_copy(update={"array": sensor})
+    virtual = radar.of_one_chirp.model_copy(update={"array": sensor})
     fast_time = if_signal(virtual, positions_m, np.zeros_like(positions_m), amplitudes)[0]  # (N, C)
     moments = sweep_moments(fast_time * angle_window(TRUTH_WINDOW, sensor.channels), radar, DEFAULT_TERMS)
     return np.abs(near_field_images(moments[None].astype(np.complex64), radar, sensor)[0])
@@ -102,11 +102,6 @@ def truth_image(
 def amplitude_of(signal_to_noise_db: float, radar: Radar) -> float:
     """Amplitude [sqrt(W)] with this ratio of echo to noise power in one channel's range-Doppler cell [dB]."""
     return float(np.sqrt(cell_noise_power(radar) * 10.0 ** (signal_to_noise_db / 10.0)))
-
-
-def _one_chirp(radar: Radar) -> Radar:
-    waveform = radar.waveform.model_copy(update={"chirps": 1})
-    return radar.model_copy(update={"waveform": waveform})
 
 
 @dataclass(frozen=True)

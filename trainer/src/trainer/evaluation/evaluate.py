@@ -58,7 +58,7 @@ from trainer.evaluation.store import CellStore, Values, cell_name
 from trainer.evaluation.workers import Workers, alone
 from trainer.run.answers import Answer, NetworkAnswer
 from trainer.run.folder import JOB, Fingerprint, output_folder, scene_records
-from trainer.run.precision import precision_remark
+from trainer.run.imager import precision_remark
 
 EXPERIMENTS: dict[str, Experiment] = {
     experiment.name: experiment

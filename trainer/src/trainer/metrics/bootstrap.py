@@ -30,6 +30,9 @@ class Interval:
     high: float
 
 
+UNDEFINED = Interval(*[float("nan")] * 3)
+
+
 def bootstrap_mean(values: NDArray[np.floating], seed: int = 0) -> Interval:
     """Mean of values [n] and its percentile bootstrap interval (Efron 1979) over the n of them.
 

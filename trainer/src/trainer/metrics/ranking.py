@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
-from trainer.metrics.bootstrap import Interval, bootstrap_frames
+from trainer.metrics.bootstrap import UNDEFINED, Interval, bootstrap_frames
 from trainer.metrics.cells import CellScores
 
-UNDEFINED = Interval(*[float("nan")] * 3)
 LEVELS = 2000
 """Thresholds, of those at which a detection matched, that a drawn pool is evaluated at; its value has all of them."""
 

@@ -87,8 +87,7 @@ class UnrolledNetwork(nn.Module):
     :param channels: [C] indices of the radar's channels that the network sees
     :param window: of the truth's virtual sensor
     :param exponent: compression of the magnitude
-    :param plain: iterations without weights, by the "iaa" rule
-    :param learned: iterations with weights, by the "likes" rule
+    :param iterations: without weights by the "iaa" rule, then with weights by the "likes" rule
     :param width: channels of the U-Net's first level
     :param detects: whether the second output is there
     :param told: whether the logarithm of a prior is an input; its weights begin at zero
@@ -100,14 +99,14 @@ class UnrolledNetwork(nn.Module):
         channels: Int[np.ndarray, " channels"],
         window: str,
         exponent: float,
-        plain: int,
-        learned: int,
+        iterations: tuple[int, int],
         width: int,
         detects: bool = True,
         told: bool = False,
     ) -> None:
         super().__init__()
-        self.bins, self.exponent, self.plain = radar.grid.bins, exponent, plain
+        self.bins, self.exponent = radar.grid.bins, exponent
+        self.plain, learned = iterations
         self.outputs = 2 if detects else 1
         # These buffers are neither trained nor stored: they follow from radar and array.
         for name, table in adaptive_tables(radar, channels)._asdict().items():

@@ -32,8 +32,7 @@ from shared.dataset.documents import read_json, sealed, unsealed
 from shared.dataset.folder import ShardRecord
 from shared.dataset.locations import Location, folder_name
 from shared.dataset.writing import write_bytes, write_json
-from shared.physics.errors import InputError
-from shared.physics.telling import Told
+from shared.physics.errors import InputError, Told
 from shared.processes.lock import claimed
 from shared.radar import Radar, first_validation_error
 from trainer.data.arrays import ArrayChoice

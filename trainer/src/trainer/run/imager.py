@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -28,7 +30,6 @@ from trainer.networks.doa_cnn import LEAST_CHANNELS, DoaCnn
 from trainer.networks.unets import AttentionUNet, SpectralUNet
 from trainer.networks.unrolled import UnrolledNetwork
 from trainer.run.configuration import FitConfig
-from trainer.run.precision import in_bfloat16
 from trainer.run.targets import PROBABILITY, UNITS, decode
 
 CHANNELS = {
@@ -68,7 +69,7 @@ def _network(config: FitConfig, radar: Radar, channels: NDArray[np.intp]) -> nn.
     bins = radar.grid.bins
     if config.model == "unrolled":
         return UnrolledNetwork(
-            radar, channels, config.truth_window, config.exponent, config.iterations, config.learned, config.width,
+            radar, channels, config.truth_window, config.exponent, (config.iterations, config.learned), config.width,
             detects=config.detection > 0, told=config.told > 0,
         )  # fmt: skip
     if config.model == "doa-cnn":
@@ -80,6 +81,30 @@ def _network(config: FitConfig, radar: Radar, channels: NDArray[np.intp]) -> nn.
     # The adaptive spectrum is an answer of the "row" target's kind: a magnitude over its row's, compressed alike.
     start = ADAPTIVE_CHANNELS.index(COMPRESSED) if (config.features, config.target) == ("adaptive", "row") else None
     return SpectralUNet(inputs, outputs, bins, config.width, config.hidden, start)
+
+
+INSTRUCTIONS = ("avx512_bf16", "amx_bf16", "bf16", "sve_bf16")
+"""As torch names them, of x86-64 and of ARM64."""
+FLOAT32_INSTEAD = "bf16 networks computed in float32: this processor has no bfloat16 instructions"
+
+
+def has_bfloat16() -> bool:
+    """Whether the processor computes in bfloat16; one that only emulates it is slower so than in float32."""
+    capabilities = torch.cpu.get_capabilities()
+    return any(capabilities.get(name) for name in INSTRUCTIONS)
+
+
+def in_bfloat16(config: FitConfig, device: str) -> bool:
+    """Whether a run's network is computed in bfloat16 on a device of this type: where its configuration says so, and on
+    a processor that has the instructions."""
+    return config.precision == "bf16" and (device != "cpu" or has_bfloat16())
+
+
+def precision_remark(configs: Iterable[FitConfig]) -> str | None:
+    """What a user should know if one of these networks is computed otherwise than its configuration says."""
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    other = any(config.precision == "bf16" and not in_bfloat16(config, device) for config in configs)
+    return FLOAT32_INSTEAD if other else None
 
 
 def lay_out(network: nn.Module, memory_format: torch.memory_format) -> None:
@@ -142,7 +167,7 @@ class Imager(nn.Module):
         return (range_channel[..., self.channels] @ self.weights).abs()
 
     def answer(self, features: torch.Tensor, prior: torch.Tensor | None = None) -> torch.Tensor:
-        """[B, 1 or 2, R, U] of the network, see :mod:`trainer.run.precision`.
+        """[B, 1 or 2, R, U] of the network, see :func:`in_bfloat16`.
 
         :param prior: [B, R, N] of an "unrolled" network
         """

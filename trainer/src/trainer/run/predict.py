@@ -36,10 +36,9 @@ from trainer.run.detection_files import (
 )
 from trainer.run.detection_files import UNITS as DETECTION_UNITS
 from trainer.run.detections import Detections
-from trainer.run.ego_motion import Motions
 from trainer.run.folder import load_imager, output_folder, same_radar
-from trainer.run.precision import precision_remark
-from trainer.run.predictor import CubesOf, PointsRequest, Prediction, Predictor, answer_for_cubes
+from trainer.run.imager import precision_remark
+from trainer.run.predictor import CubesOf, Motions, PointsRequest, Prediction, Predictor, answer_for_cubes
 
 IMAGES = "images.parquet"
 

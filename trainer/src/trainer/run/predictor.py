@@ -8,8 +8,9 @@ for number, cube in enumerate(stream):  # [chirp, sample, channel]
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,13 +19,13 @@ from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
 from shared.radar import Radar
+from shared.signal.ego_motion import EgoMotion
 from trainer.captures.cube_file import CubeFile
 from trainer.data.measurements import CELLS, PEAKS, Measurement, of_cube
 from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.fitting import MODEL_ERROR_DB
 from trainer.run.answers import Answer, NetworkAnswer, estimator_answer, network_answer
 from trainer.run.detections import FALSE_ALARMS, Detections, Sought, find_detections, with_moving
-from trainer.run.ego_motion import Motions
 from trainer.run.folder import Run, load_imager
 from trainer.run.imager import Imager
 from trainer.run.other_radars import fitted_imager
@@ -64,6 +65,48 @@ class Prediction:
     image: NDArray[np.float32]
     velocity: NDArray[np.float32]
     points: Detections | None
+
+
+@dataclass
+class Motions:
+    """Which velocity the sensor has in the frames of one command: told with it, by the source, or seen in the frame
+    itself.
+
+    :param velocity: of the vehicle, forward and to the left [m/s], where the command says it
+    :param yaw_deg: of the radar on it, with ``velocity``
+    :param wanted: whether anything asks for the motion: without that none is estimated
+    :ivar estimated: frames in which it was looked for
+    :ivar unknown: of these, where too few echoes agree
+    :ivar largest_std_mps: of those estimated
+    """
+
+    velocity: tuple[float, float] | None
+    yaw_deg: float
+    wanted: bool
+    estimated: int = 0
+    unknown: int = 0
+    largest_std_mps: float = 0.0
+
+    def told(self, measurement: Measurement, answer: Answer) -> Measurement:
+        """The frame with the sensor's motion as well as it is known."""
+        if self.velocity is not None:
+            told = EgoMotion.of_vehicle(*self.velocity, math.radians(self.yaw_deg))
+            measurement = replace(measurement, motion=told)
+        if measurement.motion is not None or not self.wanted:
+            return measurement
+        motion = answer.seen_motion(measurement)
+        self.estimated += 1
+        if motion is None:
+            self.unknown += 1
+        else:
+            self.largest_std_mps = max(self.largest_std_mps, *motion.std_mps)
+        return replace(measurement, motion=motion)
+
+    def __str__(self) -> str:
+        found = self.estimated - self.unknown
+        spread = f", standard deviation at most {self.largest_std_mps:.2g} m/s" if found else ""
+        none = f"; in {self.unknown} too few echoes agree, and it is not known" if self.unknown else ""
+        return f"the sensor's velocity was estimated in {found} of {self.estimated} frames{spread}{none}"
 
 
 @dataclass(frozen=True, eq=False)

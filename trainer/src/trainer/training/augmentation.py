@@ -49,10 +49,7 @@ def draw(seed: int, step: int, batch: int, first: int, count: int, largest: int)
 
 
 class AngularAugmentation:
-    """Shifts and mirrors for one radar.
-
-    :param virtual_y_m: y_tx + y_rx of all channels of the dataset [m]
-    """
+    """Shifts and mirrors for one radar."""
 
     def __init__(self, radar: Radar) -> None:
         grid = radar.grid

@@ -34,7 +34,7 @@ from trainer.run.folder import (
     versions,
     write_run,
 )
-from trainer.run.precision import precision_remark
+from trainer.run.imager import precision_remark
 from trainer.training.callbacks import (
     LOSS,
     TENSORBOARD,

@@ -16,8 +16,7 @@ from shared.radar import Radar, read_toml, validated
 from trainer.data.arrays import ArrayChoice
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import Run, load_imager, read_run
-from trainer.run.imager import Imager
-from trainer.run.precision import has_bfloat16
+from trainer.run.imager import Imager, has_bfloat16
 from trainer.run.pretrained import pretrained_names, pretrained_run
 
 Changes = Mapping[str, object]

@@ -3,7 +3,6 @@ table."""
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,9 +20,9 @@ from shared.processes.defaults import LARGEST_SEED
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.report.tables import TRUTH, Condition, MetricRow, SummaryColumn
+from trainer.evaluation.report.tables import TRUTH, Condition, MetricRow, SummaryColumn, condition_text
 from trainer.evaluation.store import Values, digest
-from trainer.metrics.bootstrap import Interval, bootstrap_mean, bootstrap_ratio, wilson
+from trainer.metrics.bootstrap import UNDEFINED, Interval, bootstrap_mean, bootstrap_ratio, wilson
 from trainer.run.folder import SceneRecord
 
 KEPT = 2
@@ -196,7 +195,9 @@ class Numbers:
         self.add(contender.key, metric, condition, wilson(int(outcomes.sum()), len(outcomes)), len(outcomes))
 
 
-UNDEFINED = Interval(math.nan, math.nan, math.nan)
+def values_of(rows: Sequence[MetricRow]) -> dict[tuple[str, str, str, str], float]:
+    """The numbers by (method, array, metric, condition as text)."""
+    return {(row.method, row.array, row.metric, condition_text(row.condition)): row.value for row in rows}
 
 
 def known(value: float) -> Interval:

@@ -22,8 +22,7 @@ from shared.radar import Radar
 from shared.signal.ego_motion import folded
 from trainer.evaluation.experiments.bench import Bench, Experiment, FrameRef, Numbers, Results, Task, task_of
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.frames import load_frame
-from trainer.evaluation.experiments.street import true_magnitude
+from trainer.evaluation.experiments.frames import load_frame, true_magnitude
 from trainer.evaluation.report.figures import PANEL_PIXELS, colour_bar, draw_image, panels
 from trainer.evaluation.report.page import doppler_map
 from trainer.evaluation.report.tables import MetricRow
@@ -100,7 +99,7 @@ class Doppler(Experiment):
         names = ["strongest peak", "second peak", "third peak", *(f"peak {n}" for n in range(4, len(images) + 1))]
         pictures = [*zip(names, (level_db(image, reference) for image in shown), strict=False)]
         pictures.append(("maximum of all", level_db(shown.max(axis=0), reference)))
-        truth = range_weighted(true_magnitude(ref))
+        truth = range_weighted(true_magnitude(load_frame(ref)))
         pictures.append(("truth of the strongest", level_db(truth, float(truth.max()))))
         moving = [target for target in frame.targets if _place(target, frame, radar) == 1]
         for axis, (name, levels) in zip(axes[0, 1:], pictures, strict=True):

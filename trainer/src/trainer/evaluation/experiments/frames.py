@@ -67,16 +67,18 @@ def frame_refs(dataset: Dataset, split: str, most: int) -> tuple[tuple[FrameRef,
     return tuple(ref for of_kind in kept.values() for ref in of_kind), left_out
 
 
-def one_of_each_scene(refs: Sequence[FrameRef], count: int) -> tuple[FrameRef, ...]:
-    """``count`` frames, the first of each scene before the second of any."""
+def by_scene(refs: Sequence[FrameRef]) -> dict[str, list[FrameRef]]:
+    """The frames by scene, in order of appearance."""
     scenes: dict[str, list[FrameRef]] = {}
     for ref in refs:
         scenes.setdefault(ref.scene, []).append(ref)
-    turns = sorted(
-        ((turn, place, ref) for place, of_scene in enumerate(scenes.values()) for turn, ref in enumerate(of_scene)),
-        key=lambda entry: entry[:2],
-    )
-    return tuple(ref for _, _, ref in turns[:count])
+    return scenes
+
+
+def one_of_each_scene(refs: Sequence[FrameRef], count: int) -> tuple[FrameRef, ...]:
+    """``count`` frames, the first of each scene before the second of any."""
+    turns = [(turn, ref) for of_scene in by_scene(refs).values() for turn, ref in enumerate(of_scene)]
+    return tuple(ref for _, ref in sorted(turns, key=lambda entry: entry[0])[:count])
 
 
 def frame_tasks(bench: Bench) -> list[Task]:
@@ -129,6 +131,11 @@ def load_frame(ref: FrameRef) -> Frame:
     return read_frame(ref.path, ref.row, COLUMNS)
 
 
+def true_magnitude(frame: Frame) -> NDArray[np.float64]:
+    """[R, U] truth of a frame [sqrt(W)]."""
+    return np.asarray(frame.image, dtype=np.float64) * frame.image_peak
+
+
 def static_world(frame: Frame, radar: Radar) -> StaticWorld:
     """What the sensor's motion says of a frame's rows [R] at their strongest Doppler peaks."""
     return StaticWorld(EgoMotion.of_pose(frame.sensor_velocity, frame.sensor_orientation), frame.velocity[0], radar)
@@ -143,7 +150,7 @@ def score_frame(contender: Contender, load: Callable[[], Frame]) -> Values:
     """
     frame, answer = load(), contender.answer
     range_channel, noise = frame.range_channel[0], frame.noise_power
-    truth = np.asarray(frame.image, dtype=np.float64) * frame.image_peak
+    truth = true_magnitude(frame)
     image, score = answer.image_and_score(range_channel, noise, static_world(frame, answer.radar))
     cells = answer.score_cells(truth, range_channel, noise, (image, score))
     detected, true = find_image_peaks(image), find_image_peaks(truth).above(TRUTH_PROMINENCE)
@@ -167,7 +174,7 @@ def score_frame(contender: Contender, load: Callable[[], Frame]) -> Values:
 def score_truth(radar: Radar, array: ArrayChoice, load: Callable[[], Frame]) -> Values:
     """What the truth's own image scores against the truth cells that an array could find: the most that is possible."""
     frame = load()
-    truth = np.asarray(frame.image, dtype=np.float64) * frame.image_peak
+    truth = true_magnitude(frame)
     channels = len(array.channels(radar))
     cells = score_cells(truth, truth, frame.noise_power, channels, radar.waveform.range_step_m)
     return {name: np.asarray(value, dtype=np.float64) for name, value in _stored(cells).items()}

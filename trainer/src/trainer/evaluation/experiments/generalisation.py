@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 
 from shared.physics.errors import figure_text
-from trainer.evaluation.experiments.bench import Bench, FrameRef, Numbers, Results, known
+from trainer.evaluation.experiments.bench import Bench, Numbers, Results, known
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.detection import SSIM, count_frames
-from trainer.evaluation.experiments.frames import OfFrames
+from trainer.evaluation.experiments.frames import OfFrames, by_scene
 from trainer.evaluation.report.figures import Look, counted, draw_bar, legend_below, panels
 from trainer.evaluation.report.tables import AVERAGE_PRECISION, MetricRow
 from trainer.run.folder import Fingerprint
@@ -32,14 +32,14 @@ class Generalisation(OfFrames):
     )
 
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
-        for scene, refs in by_scene(bench).items():
+        for scene, refs in by_scene(bench.frames).items():
             for contender in bench.contenders:
                 condition = {"scene": scene, "trained on it": trained_on(bench, contender, scene)}
                 count_frames(bench, results, contender, refs, condition, found)
 
     def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
         of_scene = {(row.method, row.array, row.metric, row.condition["scene"]): row for row in rows}
-        scenes = by_scene(bench)
+        scenes = by_scene(bench.frames)
         look = Look(one.key for one in bench.contenders)
         width = max(7.0, 1.2 + len(scenes) * (0.28 * len(bench.contenders) + 0.4))
         figure, grid = panels(len(SHOWN), 1, (width, 6.0), self.title, sharex=True)
@@ -65,14 +65,6 @@ class Generalisation(OfFrames):
         )
         legend_below(figure, look.method_handles())
         return {self.name: figure}
-
-
-def by_scene(bench: Bench) -> dict[str, tuple[FrameRef, ...]]:
-    """The frames by scene, in order of appearance."""
-    scenes: dict[str, list[FrameRef]] = {}
-    for ref in bench.frames:
-        scenes.setdefault(ref.scene, []).append(ref)
-    return {scene: tuple(refs) for scene, refs in scenes.items()}
 
 
 def trained_on(bench: Bench, contender: Contender, scene: str) -> str:

@@ -14,12 +14,11 @@ from itertools import product
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from shared.physics.errors import figure_text
 from trainer.data.simulation import Condition, Trials, no_room, simulate
 from trainer.estimators.ml import MaximumLikelihood
-from trainer.evaluation.experiments.bench import Bench, Numbers, Results, Simulated
+from trainer.evaluation.experiments.bench import Bench, Numbers, Results, Simulated, values_of
 from trainer.evaluation.experiments.contenders import Contender, estimator_contender
 from trainer.evaluation.report.figures import Look, legend_below, panels
 from trainer.evaluation.report.tables import MetricRow, SummaryColumn
@@ -39,7 +38,7 @@ SINGLES = tuple(Condition(0.0, snr) for snr in SINGLE_SNRS_DB)
 CEILING = "ml"
 LINES = ", lines"
 """After the name of a method whose peaks begin a fit of lines."""
-PROBABILITY_OF_RESOLUTION = "probability of resolution"
+PROBABILITY_OF_RESOLUTION, ERROR_OVER_BOUND = "probability of resolution", "RMSE over bound"
 SUMMARY = (
     SummaryColumn("P(resolve) 1 RL", PROBABILITY_OF_RESOLUTION, Condition(1.0, SHOWN_SNR_DB).named),
     SummaryColumn("0.5 RL", PROBABILITY_OF_RESOLUTION, Condition(0.5, SHOWN_SNR_DB).named),
@@ -95,15 +94,17 @@ class Resolution(Simulated):
                         of = {**condition.named, "phase": f"{low}-{high} deg"}
                         found.share(contender, PROBABILITY_OF_RESOLUTION, of, both[group])
             for condition in SINGLES:
-                errors, named = _errors(results, contender, condition), condition.named
+                values, named = results[*contender.key, str(condition)], condition.named
+                errors = (values["found"] - values["u"])[:, 0]  # NaN where none was found
+                bound = single_source_bound(contender.answer.line, 10.0 ** (condition.snr_db / 10.0))
                 found.mean(contender, "bias [bins]", named, errors / bench.radar.grid.step)
-                found.mean(contender, "RMSE over bound", named, errors**2 / _bound(contender, condition))
+                found.mean(contender, ERROR_OVER_BOUND, named, errors**2 / bound)
                 square = found.rows.pop()
                 root, lower, upper = map(math.sqrt, (square.value, square.low, square.high))
                 found.rows.append(replace(square, value=root, low=lower, high=upper))
 
     def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
-        contenders = entrants(bench)
+        contenders, values = entrants(bench), values_of(rows)
         look = Look(one.key for one in contenders)
         size = 3.4 * len(look.arrays) + 0.6, 6.6
         figure, axes = panels(2, len(look.arrays), size, self.title, sharey="row")
@@ -114,12 +115,10 @@ class Resolution(Simulated):
                 "color": "black" if ceiling else look.colour(contender.method), "marker": "o", "ms": 3.5,
                 "lw": 1.3 if ceiling else look.weight(contender.method), "ls": "--" if ceiling else "-",
             }  # fmt: skip
-            shares = []
-            for separation in SEPARATIONS:
-                values = results[*contender.key, str(Condition(separation, SHOWN_SNR_DB))]
-                shares.append(float(resolved(values["found"], values["u"]).mean()))
+            pairs = [str(Condition(separation, SHOWN_SNR_DB)) for separation in SEPARATIONS]
+            shares = [values[*contender.key, PROBABILITY_OF_RESOLUTION, pair] for pair in pairs]
             axes[0, column].plot(SEPARATIONS, shares, **style)
-            ratios = [_error_over_bound(results, contender, single) for single in SINGLES]
+            ratios = [values[*contender.key, ERROR_OVER_BOUND, str(single)] for single in SINGLES]
             axes[1, column].plot(SINGLE_SNRS_DB, ratios, **style)
         for column, array in enumerate(look.arrays):
             axes[0, column].set(
@@ -161,20 +160,3 @@ def locate_targets(contender: Contender, trials: Trials) -> Values:
         else:
             found = strongest_peaks(contender.score_trials(trials), u, targets)
     return {"found": found, "u": trials.u, "phase_rad": trials.phase_rad}
-
-
-def _errors(results: Results, contender: Contender, single: Condition) -> NDArray[np.float64]:
-    """[T] errors in u of single targets, NaN where none was found."""
-    values = results[*contender.key, str(single)]
-    return (values["found"] - values["u"])[:, 0]
-
-
-def _error_over_bound(results: Results, contender: Contender, single: Condition) -> float:
-    """Root-mean-square error over the root of the bound; NaN where nothing was found."""
-    errors = _errors(results, contender, single)
-    errors = errors[np.isfinite(errors)]
-    return math.sqrt(float(np.mean(errors**2)) / _bound(contender, single)) if len(errors) else math.nan
-
-
-def _bound(contender: Contender, single: Condition) -> float:
-    return single_source_bound(contender.answer.line, 10.0 ** (single.snr_db / 10.0))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shared.radar.arrays import AntennaArray
 from trainer.data.arrays import ArrayChoice
 from trainer.data.simulation import Condition, Trials, no_room, resolution_cell, simulate, trial_rows
-from trainer.evaluation.experiments.bench import Bench, Numbers, Results, Simulated
+from trainer.evaluation.experiments.bench import Bench, Numbers, Results, Simulated, values_of
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.figures import Look, legend_below, panels
 from trainer.evaluation.report.tables import MetricRow, condition_text
@@ -151,7 +151,7 @@ class Robustness(Simulated):
                 found.mean(contender, METRICS[1], impairment.named, cell[METRICS[1]])
 
     def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
-        look = Look(one.key for one in bench.contenders)
+        look, values = Look(one.key for one in bench.contenders), values_of(rows)
         figure, axes = panels(len(METRICS), len(SIZES), (13.0, 5.4), self.title, sharey="row", sharex="col")
         for column, (kind, sizes) in enumerate(SIZES.items()):
             unit = f" [{UNITS[kind]}]" if UNITS[kind] else ""
@@ -161,8 +161,7 @@ class Robustness(Simulated):
                 axis.grid(alpha=0.25)
                 for contender in bench.contenders:
                     shown = [IDEAL if kind != "SNR" and size == 0 else Impairment(kind, size) for size in sizes]
-                    cells = [results[*contender.key, condition_text(one.named)] for one in shown]
-                    means = [float(np.mean(cell[metric])) for cell in cells]
+                    means = [values[*contender.key, metric, condition_text(one.named)] for one in shown]
                     axis.plot(
                         sizes, means, color=look.colour(contender.method), ls=look.line(contender.array.name),
                         marker=look.marker(contender.array.name), ms=3.5, lw=look.weight(contender.method),

@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from shared.dataset import Frame
 from shared.dataset.folder import Dataset
@@ -25,7 +24,7 @@ from trainer.evaluation.experiments.bench import (
     task_of,
 )
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.frames import load_frame, one_of_each_scene, static_world
+from trainer.evaluation.experiments.frames import load_frame, one_of_each_scene, static_world, true_magnitude
 from trainer.evaluation.report.figures import image_sheet
 from trainer.evaluation.report.page import (
     PEAKS,
@@ -109,12 +108,12 @@ def _levels(contender: Contender, ref: FrameRef) -> Values:
     frame = load_frame(ref)
     world = static_world(frame, contender.answer.radar)
     image, _ = contender.answer.image_and_score(frame.range_channel[0], frame.noise_power, world)
-    return {"levels": to_bytes(scene_levels(image, contender.answer.unit, true_magnitude(ref)))}
+    return {"levels": to_bytes(scene_levels(image, contender.answer.unit, true_magnitude(frame)))}
 
 
 def _truth(radar: Radar, ref: FrameRef) -> Values:
     """levels [R, U] of the truth; doppler [R, chirps] levels of the range-Doppler map, and whether it is the whole."""
-    truth = true_magnitude(ref)
+    truth = true_magnitude(load_frame(ref))
     title, magnitude = doppler_map(_with_doppler(ref), radar)
     weighted = range_weighted(magnitude)
     return {
@@ -129,9 +128,3 @@ def _with_doppler(ref: FrameRef) -> Frame:
     with open_shard(ref.path) as file:
         stored = [name for name in ("range_doppler", "cube") if name in file.schema_arrow.names]
     return read_frame(ref.path, ref.row, ("range_channel", "velocity", *stored))
-
-
-def true_magnitude(ref: FrameRef) -> NDArray[np.float64]:
-    """[R, U] truth of a frame [sqrt(W)]."""
-    frame = load_frame(ref)
-    return np.asarray(frame.image, dtype=np.float64) * frame.image_peak

@@ -81,10 +81,10 @@ def doppler_map(frame: Frame, radar: Radar) -> tuple[str, NDArray[np.float64]]:
     if frame.cube is not None:
         return WHOLE, np.abs(range_doppler(frame.cube, radar)).mean(axis=2).astype(np.float64)
     waveform = radar.waveform
-    cells = np.rint((frame.velocity - waveform.velocities_mps[0]) / waveform.velocity_step_mps).astype(np.int64)
+    cells = waveform.doppler_cells(frame.velocity)
     magnitude = np.zeros((waveform.range_bins, waveform.chirps))
     rows = np.broadcast_to(np.arange(waveform.range_bins), cells.shape)
-    magnitude[rows, cells % waveform.chirps] = np.abs(frame.range_channel).mean(axis=2)
+    magnitude[rows, cells] = np.abs(frame.range_channel).mean(axis=2)
     return PEAKS, magnitude
 
 

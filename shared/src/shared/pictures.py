@@ -1,4 +1,5 @@
-"""Levels of a range-angle image drawn into an axis of matplotlib, over u or from above; figures written to files.
+"""One look for all pictures of range-angle images, whoever draws them: one colour map, one span, the radar's left on
+the left, no target lost between the pixels.
 
 Matplotlib is not imported here: axes and figures are those of the caller.
 """
@@ -12,10 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 
 from shared.dataset.writing import atomic
-from shared.pictures.levels import SPAN_DB, hold_peaks
+from shared.physics.units import amplitude_to_db
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
+SPAN_DB = 40.0
+"""Levels shown below 0 dB [dB]."""
 COLOUR_MAP = "magma"
 """Rises evenly in lightness, so that it also reads in grey."""
 LEVEL_LABEL = "amplitude x range [dB]"
@@ -30,6 +33,48 @@ OUTSIDE = "#e1e1e1"
 """What lies beyond the field of view."""
 PANEL_PIXELS = 320, 300
 """Height and width of a panel, unless the caller knows better."""
+
+
+def level_db(
+    image: Float[np.ndarray, "*shape"], reference: float, span_db: float = SPAN_DB
+) -> Float64[np.ndarray, "*shape"]:
+    """Level of magnitudes over ``reference`` [dB], cut at -``span_db`` and 0; the floor where there is no reference."""
+    if not reference > 0.0:
+        return np.full(np.shape(image), -span_db)
+    return np.clip(amplitude_to_db(np.asarray(image, dtype=np.float64) / reference), -span_db, 0.0)
+
+
+def range_weighted(image: Float[np.ndarray, "rows columns"]) -> Float64[np.ndarray, "rows columns"]:
+    """[R, U] amplitudes times range bin.
+
+    An echo's amplitude falls with R^2 and a picture has 40 dB: without the weight only the nearest metres would show.
+    """
+    return np.asarray(image, dtype=np.float64) * np.arange(len(image))[:, None]
+
+
+def range_weighted_db(
+    image: Float[np.ndarray, "rows columns"],
+    span_db: float = SPAN_DB,
+    reference: Float[np.ndarray, "rows columns"] | None = None,
+) -> Float64[np.ndarray, "rows columns"]:
+    """[R, U] level below the maximum of the image, or of a reference, weighted by range,
+    from -``span_db`` to 0 [dB]."""
+    weighted = range_weighted(image)
+    brightest = (weighted if reference is None else range_weighted(reference)).max()
+    return level_db(weighted, float(brightest), span_db)
+
+
+def hold_peaks(
+    levels_db: Float[np.ndarray, "rows columns"], pixels: tuple[int, int]
+) -> tuple[Float[np.ndarray, "held_rows held_columns"], int, int]:
+    """(the highest level of every block of bins, the rows and columns of a block), at most ``pixels`` blocks.
+
+    A panel has fewer pixels than an image has bins, and a target is one bin: drawn by the nearest, two of three vanish.
+    The last blocks may hold fewer bins.
+    """
+    rows, columns = (-(-bins // most) for bins, most in zip(levels_db.shape, pixels, strict=True))
+    held = np.maximum.reduceat(levels_db, np.arange(0, levels_db.shape[0], rows), axis=0)
+    return np.maximum.reduceat(held, np.arange(0, levels_db.shape[1], columns), axis=1), rows, columns
 
 
 def draw_levels(
