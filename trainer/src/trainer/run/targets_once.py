@@ -51,12 +51,12 @@ class Beams:
         bend = self.array.bend_phase(np.array([range_m])) * (1.0 - u**2) - self.array.bend_phase(self.range_m)
         return np.asarray(self.array.manifold(u) * np.exp(1j * bend))
 
-    def power(self, front: NDArray[np.complex128], cell: int) -> NDArray[np.float64]:
-        """[R] of a front [R, C] in each bin of a Doppler cell; NaN where the cell is not known."""
-        power = np.full(len(front), np.nan)
+    def in_cell(self, cell: int) -> NDArray[np.complex128]:
+        """[R, C] the bins' values in a Doppler cell; NaN where it is not known."""
+        values = np.full(self.snapshots.shape[1:], np.nan, dtype=np.complex128)
         peak, row = np.nonzero(self.cells == cell)
-        power[row] = np.abs(np.mean(self.snapshots[peak, row] * front[row].conj(), axis=1)) ** 2
-        return power
+        values[row] = self.snapshots[peak, row]
+        return values
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,17 +130,18 @@ class Lines:
         channels. How strong it is there, the bins around a line tell.
         """
         level_db, kept = self.level_db[lines], np.ones(len(lines), dtype=bool)
+        nearest = np.clip(np.rint(self.place[lines]).astype(np.intp), 0, len(beams.range_m) - 1)
         for strong in lines[level_db - level_db.min(initial=np.inf) > below_db]:
-            front = beams.front(self.place[strong] * beams.range_m[1], self.u[strong])
-            heard = beams.power(front, self.cell[strong])
             below = (level_db < self.level_db[strong] - below_db) & (self.cell[lines] == self.cell[strong])
-            for place in np.flatnonzero(below & kept):
-                line = lines[place]
-                own = np.broadcast_to(beams.array.manifold(self.u[line]), front.shape)
-                bins = slice(int(self.place[line]), int(self.place[line]) + 2)  # on either side of it
-                share = np.max(np.abs(np.mean(own[bins].conj() * front[bins], axis=1)) ** 2)
-                sidebands = share * _around_median(heard, self.place[line])
-                kept[place] = np.nanmax(beams.power(own, self.cell[line])[bins]) > SIDEBAND_FACTOR * sidebands
+            weak = np.flatnonzero(below & kept)
+            front = beams.front(self.place[strong] * beams.range_m[1], self.u[strong])
+            seen, own = beams.in_cell(self.cell[strong]), beams.array.manifold(self.u[lines[weak]]).T
+            share = _mean_power(own.conj() * front[nearest[weak]])
+            sidebands = share * _around(_mean_power(seen * front.conj()), nearest[weak])
+            # A line has the larger power of the bins on its two sides, of which its group's own is known.
+            lower = np.clip(self.place[lines[weak]].astype(np.intp), 0, len(seen) - 2)
+            sides = np.stack([_mean_power(own.conj() * seen[lower + step]) for step in (0, 1)])
+            kept[weak] = np.fmax(*sides) > SIDEBAND_FACTOR * sidebands
         return lines[kept]
 
     def _neighbours(self, order: NDArray[np.intp], near: float) -> Iterator[tuple[int, NDArray[np.intp]]]:
@@ -152,12 +153,20 @@ class Lines:
             yield index, by_angle[start:stop]
 
 
-def _around_median(power: NDArray[np.float64], place: float) -> float:
-    """Median of what is known of a power [R] around a range bin; 0 where that is less than half."""
-    apart = np.abs(np.arange(len(power)) - place)
-    around = power[(apart > SIDEBAND_GUARD) & (apart <= SIDEBAND_BINS)]
-    known = around[np.isfinite(around)]
-    return float(np.median(known)) if len(known) >= SIDEBAND_BINS - SIDEBAND_GUARD else 0.0
+def _mean_power(values: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """[n] power of the mean over channels of values [n, C]."""
+    return np.asarray(np.abs(np.mean(values, axis=1)) ** 2)
+
+
+def _around(power: NDArray[np.float64], rows: NDArray[np.intp]) -> NDArray[np.float64]:
+    """[n] median of what is known of a power [R] around range bins; 0 where that is less than half."""
+    apart = np.arange(SIDEBAND_GUARD + 1, SIDEBAND_BINS + 1)
+    padded = np.pad(power, SIDEBAND_BINS, constant_values=np.nan)
+    around = padded[rows[:, None] + SIDEBAND_BINS + np.concatenate([-apart, apart])]
+    known = np.count_nonzero(np.isfinite(around), axis=1) >= len(apart)
+    result = np.zeros(len(rows))
+    result[known] = np.nanmedian(around[known], axis=1)
+    return result
 
 
 def hann_envelope_db(offset: NDArray[np.floating]) -> NDArray[np.float64]:
