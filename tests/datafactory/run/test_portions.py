@@ -63,8 +63,10 @@ def test_frames_are_shared_by_all_workers(frames: int, workers: int, most: int, 
 
 def test_a_shard_is_cut_evenly() -> None:
     (plan,) = plan_shards([PATHS] * 8)
-    sizes = [len(portion.frame_ids) for portion in portions_of([plan] * 5, 3)]
-    assert sizes[:4] == [4, 4, 4, 4]  # not 6 and 2
+    sizes = [
+        [len(portion.frame_ids) for portion in portions_of([plan] * n, workers)] for n, workers in ((1, 1), (5, 3))
+    ]
+    assert sizes == [[4, 4], [4, 4, 4, 4, 4, *[2] * 5, *[1] * 10]]  # 4 and 4, not 6 and 2
 
 
 def test_no_byte_depends_on_how_shards_are_cut(

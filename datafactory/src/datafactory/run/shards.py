@@ -32,7 +32,8 @@ FRAMES_PER_SHARD = 8
 MOST_FRAMES = 8
 """Of a portion: their images share matrices, which cost as much as eight images."""
 PORTIONS_A_WORKER = 2
-"""Of what is left, as if they were alike."""
+"""Of a portion's size that are left for each when it is cut: with fewer they wait for the last one, with more single
+frames make their matrices alone."""
 
 PATHS = "paths"
 """Folder of traced paths, beside the splits."""

@@ -21,10 +21,9 @@ SAME_BINS = 1.0
 LOBE_MARGIN_DB = 3.0
 """A line so far above what the window gives a stronger one there is a target of its own: twice its power, which noise
 seldom adds."""
-FLANK_DB = -50.0
-"""Of a window: weaker flanks of a ghost are not looked at."""
 SIDEBAND_BINS, SIDEBAND_GUARD = 12, 2
-"""How far to either side of a line the angle is listened at, and how far its own main lobe reaches."""
+"""How far to either side of a line the angle is listened at, and how far its own main lobe reaches: twenty bins, of
+which the Hann window leaves about ten independent, and few enough for the sidebands to be alike in them."""
 SIDEBAND_FACTOR = 18.0
 """Of the median power there: -ln(1e-4) times the mean, which is the median / ln 2 of an exponential distribution, and
 1.4 dB more, since a line stands where it is strongest, between bins too."""
@@ -82,11 +81,6 @@ class Lines:
         cells = (self.cell[others] - self.cell[index] + 0.5 * chirps) % chirps - 0.5 * chirps
         return np.abs(self.place[others] - self.place[index]), np.abs(cells)
 
-    def _window_db(self, index: int, others: NDArray[np.intp], chirps: int) -> NDArray[np.float64]:
-        """At most what the windows leave of others at the place of a line, which may be half a cell off [dB]."""
-        bins, cells = self._apart(index, others, chirps)
-        return hann_envelope_db(np.maximum(bins - 0.5, 0.0)) + hann_envelope_db(np.maximum(cells - 0.5, 0.0))
-
     def once(self, lines: NDArray[np.intp], near: float, chirps: int) -> NDArray[np.intp]:
         """Those that no group of more energy has at the same place."""
         order = lines[np.lexsort((self.group[lines], -self.energy[lines]))]
@@ -104,30 +98,33 @@ class Lines:
         for index, beside in self._neighbours(order, near):
             others = beside[kept[beside] & (self.group[beside] != self.group[index])]
             bins, cells = self._apart(index, others, chirps)
-            window = self._window_db(index, others, chirps)
+            window = hann_envelope_db(np.maximum(bins - 0.5, 0.0)) + hann_envelope_db(np.maximum(cells - 0.5, 0.0))
             there = (bins >= SAME_BINS) | (cells > 0.5)
             explained = np.sqrt(db_to_power(self.level_db[others] + window + LOBE_MARGIN_DB)) + noise
             kept[index] = not (there & (self.level_db[index] < amplitude_to_db(explained))).any()
         return order[kept[order]]
 
-    def no_ghosts(self, lines: NDArray[np.intp], array: LineArray, error: float, chirps: int) -> NDArray[np.intp]:
-        """Those above what elements that err, by ``error`` of the power, make of stronger lines, as wide as these."""
+    def no_ghosts(self, lines: NDArray[np.intp], array: LineArray, error: float) -> NDArray[np.intp]:
+        """Those above what elements that err, by ``error`` of the power, make of stronger lines in the same cell."""
         power = db_to_power(self.level_db)
         kept = np.ones(len(lines), dtype=bool)
         for place, index in enumerate(lines if error > 0.0 else ()):
             above = lines[power[lines] > power[index]]
-            window_db = self._window_db(index, above, chirps)
-            beside = window_db > FLANK_DB
-            near, window = above[beside], db_to_power(window_db[beside])
-            ghost = error * np.sum(power[near] * window * array.ghost_share(self.u[near] - self.u[index]))
+            same = (self.cell[above] == self.cell[index]) & (np.abs(self.place[above] - self.place[index]) < SAME_BINS)
+            beside = above[same]
+            ghost = error * np.sum(power[beside] * array.ghost_share(self.u[beside] - self.u[index]))
             kept[place] = power[index] > ghost
         return lines[kept]
 
     def no_sidebands(self, lines: NDArray[np.intp], beams: Beams, below_db: float) -> NDArray[np.intp]:
-        """Those that stand out of the sidebands of each line so far above them.
+        """Those that stand out of the sidebands of each line so far above them in their Doppler cell.
 
         An oscillator's phase noise spreads an echo over all range bins, with the wave front of the echo, alike in all
-        channels. How strong it is there, the bins around a line tell.
+        channels. How strong it is there, the bins around a line tell. What it puts into other Doppler cells is not
+        looked for.
+
+        :param lines: [n] indices; :param below_db: from a line to the sidebands that are looked for, at least [dB]
+        :returns: indices of those kept, in their order
         """
         level_db, kept = self.level_db[lines], np.ones(len(lines), dtype=bool)
         nearest = np.clip(np.rint(self.place[lines]).astype(np.intp), 0, len(beams.range_m) - 1)
