@@ -9,7 +9,6 @@ fail whose method and path contain the words given, from the n-th on, with the s
 from __future__ import annotations
 
 import http.client
-import importlib.util
 import json
 import socket
 import subprocess
@@ -82,9 +81,7 @@ class Server:
 
 @contextmanager
 def s3_server() -> Iterator[Server]:
-    """A server with the bucket ``bucket``; the test is skipped without moto."""
-    if importlib.util.find_spec("moto") is None or importlib.util.find_spec("flask_cors") is None:
-        pytest.skip("needs moto, flask and flask-cors, see the extra dev of shared")
+    """A server with the bucket ``bucket``."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]

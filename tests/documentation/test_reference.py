@@ -117,8 +117,6 @@ def test_the_contents_list_every_page_with_a_title() -> None:
 def test_the_site_is_made_without_a_warning(tmp_path: Path) -> None:
     """``make docs``: strict, so that a dead link or anchor, a page that is missing from the menu or a docstring that
     cannot be read ends it."""
-    pytest.importorskip("material", reason="make docs installs the generator")
-    pytest.importorskip("mkdocstrings")
     made = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--config-file", str(DOCS / "site/mkdocs.yml"),
          "--site-dir", str(tmp_path / "site")],

@@ -13,13 +13,12 @@ import pytest
 from boxed_frames import RADAR, box, frame, write
 from factory_command import run
 from matplotlib.image import imread
+from mcap import reader
+from mcap_protobuf import decoder
 
 from datafactory import InputError, convert
 from datafactory.api.making import Converted
 
-pytest.importorskip("foxglove", reason="the package foxglove-sdk is not installed")
-reader = pytest.importorskip("mcap.reader", reason="the package mcap is not installed")
-decoder = pytest.importorskip("mcap_protobuf.decoder", reason="the package mcap-protobuf-support is not installed")
 OTHER_COLOUR = (0.5, 0.5, 0.5)
 """Of what has no class with a colour."""
 
@@ -40,6 +39,7 @@ def messages(path: Path) -> Messages:
     found: Messages = {topic: [] for topic in TOPICS}
     with path.open("rb") as handle:
         for item in reader.make_reader(handle, decoder_factories=[decoder.DecoderFactory()]).iter_decoded_messages():
+            assert item.schema is not None
             assert item.schema.name == TOPICS[item.channel.topic]
             found[item.channel.topic].append((item.message.log_time, item.decoded_message))
     return found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 import subprocess
 import sys
@@ -209,10 +208,6 @@ def test_a_probe_that_crashes_or_fails_harms_nothing():
 
 def test_sionna_keeps_the_chosen_variant():
     """In a process of its own, for the variant is global: select, then import Sionna, then compute."""
-    if (
-        importlib.util.find_spec("mitsuba") is None
-    ):  # imported here, it would load the system's LLVM for all tests after
-        pytest.skip("there is no Mitsuba")
     script = (
         "from datafactory.paths.backend import select_variant, set_threads, VARIANTS\n"
         "set_threads(1)\n"  # Dr.Jit loads an LLVM with its first thread: set_threads chooses the library too

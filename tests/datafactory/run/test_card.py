@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from datafactory import render
 from datafactory.run.card import COLUMNS, card, hub_licence, scene_licence, stated_licence
@@ -31,7 +32,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def front_matter(folder: Path) -> dict:
     _, matter, _ = (folder / "README.md").read_text(encoding="utf-8").split("---\n", 2)
-    return pytest.importorskip("yaml", reason="PyYAML, which datasets brings, is not installed").safe_load(matter)
+    return yaml.safe_load(matter)
 
 
 def test_the_front_matter_names_splits_licence_and_size(dataset: Path) -> None:
@@ -97,7 +98,6 @@ print(json.dumps([image.shape, signal.shape, str(signal.dtype), boxes,
 
 def test_hugging_faces_library_reads_the_splits_and_the_snippet_runs(dataset: Path, tmp_path: Path) -> None:
     """Offline, in a process of its own; strangers in the folder, ``paths`` among them, are no data."""
-    pytest.importorskip("datasets", reason="the package datasets is not installed")
     (dataset / "paths").mkdir(exist_ok=True)
     (dataset / "paths" / "part-00000.parquet").write_bytes(b"no rows")
     snippet = re.search(r"```python\n(.*?)```", (dataset / "README.md").read_text(encoding="utf-8"), re.DOTALL)

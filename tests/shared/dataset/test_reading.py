@@ -30,13 +30,16 @@ def test_columns_left_out_are_empty_and_the_rest_is_whole(tmp_path):
 
 
 def _polars(path):
-    polars = pytest.importorskip("polars")
+    import polars
+
     column = polars.read_parquet(path)["range_channel"][0]
     return np.array(column), polars.read_parquet_metadata(path)["sparseradar"]
 
 
 def _duckdb(path):
-    with pytest.importorskip("duckdb").connect() as connection:
+    import duckdb
+
+    with duckdb.connect() as connection:
         ((column,),) = connection.execute(f"select range_channel from '{path}'").fetchall()
         query = f"select decode(value) from parquet_kv_metadata('{path}') where decode(key) = 'sparseradar'"
         ((text,),) = connection.execute(query).fetchall()
@@ -44,8 +47,9 @@ def _duckdb(path):
 
 
 def _pandas(path):
-    pandas = pytest.importorskip("pandas")
-    return np.array(pandas.read_parquet(path)["range_channel"][0]), pq.read_schema(path).metadata[b"sparseradar"]
+    import pandas as pd
+
+    return np.array(pd.read_parquet(path)["range_channel"][0]), pq.read_schema(path).metadata[b"sparseradar"]
 
 
 @pytest.mark.parametrize("reader", [_polars, _duckdb, _pandas])

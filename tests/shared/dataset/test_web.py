@@ -100,7 +100,6 @@ for uri in sys.argv[1:]:
 
 def test_a_dataset_of_hugging_face_holds_what_the_local_one_holds(folder, web, tmp_path):
     """In a process of its own: the hub's address is read from the environment once."""
-    pytest.importorskip("huggingface_hub", reason="needs huggingface_hub, of the extra hf of shared")
     places = [str(folder), *(f"hf://datasets/{name}" for name in ("OWNER/set", "OWNER/set/deeper", "OWNER/other"))]
     surroundings = {
         **os.environ,
