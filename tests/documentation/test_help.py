@@ -14,8 +14,8 @@ from small_radar import write_small_radar
 from typer.main import get_command
 from typer.testing import CliRunner
 
+from datafactory.cli.app import EXAMPLES as OF_DATAFACTORY
 from datafactory.cli.app import app as datafactory
-from datafactory.cli.examples import EXAMPLES as OF_DATAFACTORY
 from shared.radar import load_radar
 from shared.signal.signal import if_signal
 from trainer.cli.app import EXAMPLES as OF_TRAINER
@@ -47,7 +47,7 @@ def test_every_command_has_two_examples() -> None:
 @pytest.mark.parametrize(("program", "name"), NAMES, ids=" ".join)
 def test_help_ends_with_examples_that_are_understood(program: str, name: str) -> None:
     pair = (OF_DATAFACTORY if program == "datafactory" else OF_TRAINER)[name]
-    shown = CliRunner().invoke(APPS[program], [name, "--help"], env={"COLUMNS": "200", "TERMINAL_WIDTH": "200"})
+    shown = CliRunner().invoke(APPS[program], [name, "--help"], env={"COLUMNS": "200"})
     lines = [line.strip() for line in shown.stdout.splitlines() if line.strip()]
     assert lines[-3:] == ["Examples:", *pair]
     for text in pair:

@@ -150,7 +150,7 @@ def convert(asked: ConvertOptions) -> Converted:
         raise InputError("--out", f"{out} is there already", "a folder that does not exist yet")
     dataset.description()  # refuses a folder of traced paths
     try:
-        from datafactory.conversion.mcap import write_mcap
+        from datafactory.conversion import write_mcap
     except ImportError as error:
         expected = "it: pip install 'sparseradar-datafactory[convert]'"
         raise InputError("--to mcap", "needs the package foxglove-sdk, which is not installed", expected) from error

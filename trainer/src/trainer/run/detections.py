@@ -37,14 +37,13 @@ from trainer.estimators.fitting import (
 )
 from trainer.estimators.moves import beside_lines
 from trainer.estimators.velocities import UNIFORM, velocity_offsets
-from trainer.run.certainty import line_probability
-from trainer.run.false_alarms import first_line_probability
+from trainer.run.certainty import first_line_probability, line_probability
 from trainer.run.targets_once import Beams, Lines
 
 CANDIDATES = 6
 """Peaks of a row's score that its fit begins with: the fit adds what is missing and drops what is needless."""
 FALSE_ALARMS = 1.0
-"""Expected lines of a frame of noise alone, by :mod:`trainer.run.false_alarms`."""
+"""Expected lines of a frame of noise alone, by :mod:`trainer.run.certainty`."""
 HEARD_SHARE = 0.5
 """Of the threshold of a group: a cell that holds less of its own is no centre. Half-way between bins, and between
 Doppler cells, a target loses 1.4 dB to the Hann window: both together are less than this half."""

@@ -135,7 +135,7 @@ def test_equal_datasets_give_equal_files(source: Path, converted: Converted, tmp
 
 
 def test_a_missing_package_is_one_line(source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "datafactory.conversion.mcap", raising=False)
+    monkeypatch.delitem(sys.modules, "datafactory.conversion", raising=False)
     monkeypatch.setitem(sys.modules, "foxglove", None)
     with pytest.raises(InputError, match=r"--to mcap: needs the package foxglove-sdk.*pip install .*\[convert\]"):
         convert(source, tmp_path / "out", to="mcap")

@@ -1,0 +1,117 @@
+"""``datafactory plan`` and ``accuracy``: what effects and accuracy cost."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from datafactory.api.options import AccuracyOptions, OrderOptions, PlanOptions
+from datafactory.cli.console import plain_console, shown, table
+from datafactory.cli.options import asking
+from datafactory.defaults import DEFAULT_FRAMES, IMAGE_BATCH
+from shared.physics.errors import InputError
+
+PLAN_WIDTH = 150
+ACCURACY_WIDTH = 120
+"""Columns that the tables of plan and accuracy need; a narrower terminal wraps their lines rather than their cells."""
+
+
+@asking(PlanOptions)
+def plan(
+    asked: PlanOptions,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the plan as JSON and nothing else.")] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for plan.json and plan.png.", show_default=False)
+    ] = None,
+) -> None:
+    """Say which effects will be simulated, why, what each costs and what leaving it out would cost.
+
+    With the scenes, frames, split and seed of a `datafactory render` these are frames of that run.
+    """
+    from datafactory.api.planning import plan as plan_of
+    from datafactory.effects.picture import draw
+    from shared.dataset.writing import write_json
+
+    console = Console(soft_wrap=True, highlight=False, stderr=as_json)
+    with shown(console, transient=True) as advance:
+        told = {"announce": lambda line: console.print(line, markup=False), "progress": advance}
+        planned = plan_of(**{**vars(asked), **told})
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        for number, item in enumerate(planned):
+            name = "plan" if len(planned) == 1 else f"plan-{number}-{item.plan.scene}"
+            write_json(out / f"{name}.json", item.to_json())
+            draw(item.plan, item.seconds, out / f"{name}.png")
+            console.print(f"wrote {out / name}.json and {out / name}.png", markup=False)
+    documents = [item.to_json() for item in planned]
+    if as_json:
+        print(json.dumps(documents[0] if len(documents) == 1 else documents, indent=2))
+        return
+    for item, document in zip(planned, documents, strict=True):
+        _effects(document, console)
+        looked = f"{item.frames} frame{'' if item.frames == 1 else 's'} of {item.plan.scene} looked at"
+        console.print(f"{looked}; every frame of a run decides for itself", markup=False)
+        if item.proof is not None:
+            console.print(item.proof.sentence(), markup=False)
+
+
+def _effects(document: dict[str, Any], console: Console) -> None:
+    effects = Table(
+        title=escape(f"{document['scene']}: error budget {document['budget_db']:g} dB"), title_justify="left"
+    )
+    for heading in ("effect", "", "why", "evidence", "cost [s/frame]", "loss [dB]"):
+        effects.add_column(escape(heading), justify="right" if "[" in heading else "left")
+    for item in document["effects"]:
+        nothing = item["loss_db"] <= -200.0
+        effects.add_row(
+            item["effect"], "on" if item["on"] else "off", item["reason"], "" if nothing else item["evidence"],
+            f"{item['cost_seconds']:.2f}", "" if nothing else f"{item['loss_db']:.1f}",
+        )  # fmt: skip
+    Console(width=max(console.width, PLAN_WIDTH), highlight=False).print(effects)
+
+
+@asking(AccuracyOptions)
+def accuracy(asked: AccuracyOptions) -> None:
+    """Show what accuracy costs in time: every approximation as a knob with its price and its error."""
+    from datafactory.accuracy import chart, report, study
+    from datafactory.accuracy.knobs import Sample
+    from datafactory.api.asking import materials_of, order_of
+    from datafactory.api.declared import common
+    from datafactory.paths.backend import select_variant, set_threads
+    from datafactory.run.preparation import prepare
+
+    scene, out, quick = asked.scene, asked.out, asked.quick
+    if scene is None:
+        raise InputError("--scene", "missing", "a scene file or sionna:NAME")
+    console = plain_console()
+    # As many frames are drawn as of a run, of which the first are measured; rays and depth are varied.
+    order = order_of(common(OrderOptions, asked, scenes=scene, frames=DEFAULT_FRAMES, rays=None))
+    menu = study.menu_of_study(quick, asked.rays, asked.most_rays, order.radar)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise InputError("--out", f"{out} is a file", "a folder") from None
+    select_variant()
+    set_threads(1)
+    count = min(1 if quick else asked.frames, len(order.poses) or IMAGE_BATCH)
+    job = prepare(order, materials_of(asked.materials), console.print).job
+    samples = [Sample(job.deal.frame(frame_id), job.scenes[0], order) for frame_id in range(count)]
+    batch = 1 if quick else IMAGE_BATCH
+    with shown(console) as progress:
+        rows = study.study(samples, menu, asked.repeats, batch, lambda done, total, label: progress(label, done, total))
+    wide = plain_console(narrowest=ACCURACY_WIDTH)
+    wide.print(table(f"What accuracy costs: {scene}", report.HEADINGS, report.table_rows(rows)))
+    for line in report.explanation(menu.effort):
+        console.print(line)
+    title = (
+        f"{scene}: {count} frame{'s' if count > 1 else ''}, seed {asked.seed}, radar {order.radar.name}, "
+        f"{menu.usual_rays} rays, images in batches of {batch}"
+    )
+    for path in (*report.write_tables(rows, out), chart.write_picture(rows, title, out)):
+        console.print(f"wrote {path}")
