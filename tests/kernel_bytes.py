@@ -15,7 +15,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from datafactory.synthesis import doppler_moments, line_sums, lines, mid_frame, spread
+from datafactory.synthesis import doppler_moments, frame_lines, lines, mid_frame, spread
 from trainer.estimators.array import LineArray
 from trainer.estimators.fitting import GroupTest, RangePlace, fit_groups, fit_lines
 
@@ -78,7 +78,7 @@ def along_lines() -> Arrays:
     yield grid
     rows = np.empty((8, 2, 65, 30), dtype=np.float32)
     frequency, scale = draw.uniform(-60.0, 60.0, 30), draw.uniform(0.99, 1.01, 8)
-    line_sums.fill_lines(frequency, scale, 128, 9.0, 7, 1.5, rows)
+    frame_lines.fill_lines(frequency, scale, 128, 9.0, 7, 1.5, rows)
     yield rows
 
 

@@ -17,8 +17,8 @@ from datafactory.api.forecasting import forecast
 from datafactory.api.options import OrderOptions
 from datafactory.frame.chain import FRAMES_WITH
 from datafactory.frame.index import frame_seed
+from datafactory.inspection.dataset import MEANINGS
 from datafactory.run import portions
-from datafactory.run.counts import MEANINGS
 from datafactory.run.progress import claimed
 from shared.dataset import arrow_schema
 from shared.dataset.folder import open_dataset, verify

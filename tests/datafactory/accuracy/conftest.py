@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from sampled_frames import MENU, POSE, TINY, order_of_two, samples_of
 from typer.testing import CliRunner
 
-from datafactory.accuracy import chart, study
+from datafactory.accuracy import report, study
 from datafactory.accuracy.knobs import Effort, Sample
 from datafactory.accuracy.study import Row
 from datafactory.cli.app import app
@@ -63,7 +63,7 @@ class PriceList:
 def prices(variant: str, radar_file: Path, tmp_path_factory: pytest.TempPathFactory) -> PriceList:
     """``datafactory accuracy --quick`` with a smaller menu."""
     folder = tmp_path_factory.mktemp("prices")
-    poses, drawn, draw = folder / "poses.json", list[Row](), chart.draw
+    poses, drawn, draw = folder / "poses.json", list[Row](), report.draw
     poses.write_text(json.dumps([{"position": POSE.position, "yaw_deg": 5.0, "velocity": POSE.velocity}]))
 
     def kept(rows: Sequence[Row], title: str) -> Figure:
@@ -72,7 +72,7 @@ def prices(variant: str, radar_file: Path, tmp_path_factory: pytest.TempPathFact
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "QUICK", TRIED)
-        patch.setattr(chart, "draw", kept)
+        patch.setattr(report, "draw", kept)
         result = CliRunner().invoke(
             app, ["accuracy", "--scene", str(TINY), "--poses", str(poses), "--radar", str(radar_file), "--quick",
                   "--repeats", "2", "--out", str(folder)], catch_exceptions=False,

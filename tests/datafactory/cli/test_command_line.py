@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 
 from datafactory.cli.app import app
 from datafactory.cli.console import plain_console, table
+from datafactory.inspection.dataset import MEANINGS, told
 from datafactory.inspection.doctor import Finding
-from datafactory.run.counts import MEANINGS, told
 
 SCENES = Path(__file__).parents[3] / "scenes"
 COMMANDS = sorted(info.callback.__name__ for info in app.registered_commands if info.callback)

@@ -13,10 +13,9 @@ from rich.markup import escape
 from typer.core import TyperCommand
 from typer.exceptions import TyperException
 
-from datafactory.cli.city import city
 from datafactory.cli.costs import accuracy, plan
 from datafactory.cli.inspection import check, doctor, inspect, scenes, view
-from datafactory.cli.making import convert, merge, points, render, trace
+from datafactory.cli.making import city, convert, merge, points, render, trace
 from shared.processes.interrupt import INTERRUPTED, Ending, ending_with, run_app
 
 EXAMPLES = {

@@ -35,7 +35,7 @@ def plan(
     With the scenes, frames, split and seed of a `datafactory render` these are frames of that run.
     """
     from datafactory.api.planning import plan as plan_of
-    from datafactory.effects.picture import draw
+    from datafactory.effects.plan import draw
     from shared.dataset.writing import write_json
 
     console = Console(soft_wrap=True, highlight=False, stderr=as_json)
@@ -79,7 +79,7 @@ def _effects(document: dict[str, Any], console: Console) -> None:
 @asking(AccuracyOptions)
 def accuracy(asked: AccuracyOptions) -> None:
     """Show what accuracy costs in time: every approximation as a knob with its price and its error."""
-    from datafactory.accuracy import chart, report, study
+    from datafactory.accuracy import report, study
     from datafactory.accuracy.knobs import Sample
     from datafactory.api.asking import materials_of, order_of
     from datafactory.api.declared import common
@@ -113,5 +113,5 @@ def accuracy(asked: AccuracyOptions) -> None:
         f"{scene}: {count} frame{'s' if count > 1 else ''}, seed {asked.seed}, radar {order.radar.name}, "
         f"{menu.usual_rays} rays, images in batches of {batch}"
     )
-    for path in (*report.write_tables(rows, out), chart.write_picture(rows, title, out)):
+    for path in (*report.write_tables(rows, out), report.write_picture(rows, title, out)):
         console.print(f"wrote {path}")

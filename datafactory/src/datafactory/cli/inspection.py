@@ -154,7 +154,7 @@ def _picture_folder(dataset: Dataset) -> Path:
 
 
 def _tables(summary: Summary) -> list[Table]:
-    from datafactory.run.counts import MEANINGS
+    from datafactory.inspection.dataset import MEANINGS
     from shared.dataset.folder import SPLITS
 
     contents = [(name, " x ".join(map(str, shape))) for name, shape in summary.shapes.items()]

@@ -1,16 +1,26 @@
-"""``datafactory render``, ``points``, ``trace``, ``merge`` and ``convert``: what writes datasets."""
+"""What writes datasets, and a city: ``render``, ``points``, ``trace``, ``merge``, ``convert`` and ``city``."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
-from datafactory.api.options import ConvertOptions, MergeOptions, PointsOptions, RenderOptions, RunOptions, TraceOptions
+from datafactory.api.options import (
+    CityOptions,
+    ConvertOptions,
+    MergeOptions,
+    PointsOptions,
+    RenderOptions,
+    RunOptions,
+    TraceOptions,
+)
 from datafactory.cli.console import plain_console, shown
 from datafactory.cli.options import asking
+from shared.physics.errors import InputError
 
 if TYPE_CHECKING:
     from datafactory.run.pipeline import Report
@@ -90,13 +100,42 @@ def convert(asked: ConvertOptions) -> None:
         console.print(f"  {note}")
 
 
+@asking(CityOptions)
+def city(asked: CityOptions) -> None:
+    """Write a city: a procedural one for --populate, or one with traffic on the roads of a real network."""
+    blocks, centre, extent = asked.blocks, asked.centre, asked.extent
+    if asked.opendrive is not None and asked.osm is not None:
+        raise InputError("city", "--opendrive and --osm are both given", "one of the two")
+    source = asked.osm if asked.opendrive is None else asked.opendrive
+    if source is None:
+        if centre is not None or extent is not None:
+            raise InputError(
+                "city", "--centre and --extent without a network", "--opendrive FILE or --osm FILE beside them"
+            )
+        from datafactory.scenes.city.city import write_city
+
+        write_city(asked.out, asked.seed, 2 if blocks is None else blocks, asked.style)
+        typer.echo(
+            f"wrote {asked.out}: nothing moves in it; --populate of the other commands puts traffic in its streets"
+        )
+        return
+    if blocks is not None:
+        raise InputError("city", "--blocks beside a network", "--extent, which says how much of it")
+    from datafactory.scenes.network.town import write_town
+
+    form, window = "osm" if asked.opendrive is None else "opendrive", {} if extent is None else {"extent": extent}
+    middle = None if centre is None else _place(centre)
+    moving = write_town(asked.out, source, form, asked.seed, asked.style, middle, **window)
+    typer.echo(f"wrote {asked.out}: {moving} vehicles drive")
+
+
 def _run(make: Callable[..., Report], verbose: bool) -> Report:
     """Make a dataset with its progress in view, and print what was made.
 
     :param make: takes ``announce`` and ``progress``
     :param verbose: also what was counted
     """
-    from datafactory.run.counts import told
+    from datafactory.inspection.dataset import told
 
     console = plain_console()
     with shown(console) as advance:
@@ -120,3 +159,14 @@ def next_step(asked: RunOptions, step: str) -> None:
         copy = f"copy {asked.out} to a local FOLDER; datafactory merge FOLDER --out DIR"
         step = f"next:  once all jobs are done, {copy}"
     typer.echo(step)
+
+
+def _place(text: str) -> tuple[float, float]:
+    """``"x,y"`` in metres."""
+    try:
+        x, y = (float(part) for part in text.split(","))
+    except ValueError:
+        x = y = math.nan
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise InputError("city --centre", repr(text), "two numbers with a comma between them, x,y in metres")
+    return x, y

@@ -15,8 +15,13 @@ from typing import Annotated
 
 from pydantic import Field
 
-from shared.radar.antenna.elements import IsotropicPattern, ParabolicPattern, Tr38901Pattern, car_radar_pattern
-from shared.radar.antenna.patch import PatchPattern
+from shared.radar.antenna.elements import (
+    IsotropicPattern,
+    ParabolicPattern,
+    PatchPattern,
+    Tr38901Pattern,
+    car_radar_pattern,
+)
 from shared.radar.antenna.table import TablePattern, read_table
 
 Pattern = Annotated[
