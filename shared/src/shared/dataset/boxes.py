@@ -31,10 +31,3 @@ def range_and_u(box: Box, points: int = 16) -> tuple[Real, Real]:
     x, y = footprint(box, points).T
     range_m = np.sqrt(x**2 + y**2 + box.center[2] ** 2)
     return range_m, y / np.maximum(range_m, 1e-9)
-
-
-def corners(box: Box) -> Real:
-    """[8, 3] corners [m]: the footprint's at the bottom, then at the top."""
-    around = footprint(box)
-    low, high = (box.center[2] + sign * 0.5 * box.size[2] for sign in (-1.0, 1.0))
-    return np.concatenate([np.column_stack([around, np.full(4, height)]) for height in (low, high)])
