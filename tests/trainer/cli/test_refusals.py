@@ -21,6 +21,8 @@ from small_dataset import make_traced
 from tiny_radar import RADAR, frame, small_dataset, write_dataset
 from tiny_run import make_run
 
+from trainer.run.pretrained import pretrained_run
+
 SHAPE = (RADAR.waveform.chirps, RADAR.waveform.samples, RADAR.array.channels)
 RADAR_TOML = "[waveform]\nsamples = 32\nrange_bins = 24\nchirps = 4\n[array]\n" + "".join(
     f"{name} = {json.dumps(getattr(RADAR.array, name))}\n" for name in ("tx_m", "rx_m")
@@ -55,6 +57,7 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
         "run": make_run(made / "run"),
         "cube": write_capture(made / "cube.npz", other_radar()),
         "chirps": f"--board iwr1642 --radar {made}/capture.toml",
+        "shipped": pretrained_run("sparse6").parent,
         "here": made,
     }
 
@@ -97,6 +100,7 @@ FIT = [
     ("{data} --frames 1", "{data}: no frame"),
     ("{data} --array full --from nothing", "nothing/weights.safetensors: no such file"),
     ("{data} --array full --from {run}", "--from: {run} has width = 4"),
+    ("{data} --array full --width 6 --from sparse6", "--from: {shipped}/sparse6 has width = 12"),
 ]
 PREDICT = [
     ("none none", "none: no run.json"),

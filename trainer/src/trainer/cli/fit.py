@@ -79,8 +79,8 @@ def fit(
         str | None,
         typer.Option(
             "--from",
-            metavar="RUN|none",
-            help="Begin with the weights of this run, or with random ones.",
+            metavar="RUN|sparse6|sparse4|none",
+            help="Begin with the weights of this run, of a network that comes with the package, or with random ones.",
             show_default="the shipped weights where they fit",
         ),
     ] = None,
@@ -98,6 +98,7 @@ def fit(
     """Train a network on datasets of the factory."""
     # Lightning takes seconds to import, and trainer --help should not.
     from shared.dataset.locations import locate
+    from trainer.run.pretrained import pretrained_names, pretrained_run
     from trainer.training.fit import FitRequest
     from trainer.training.fit import fit as run_fit
     from trainer.training.processes import is_first
@@ -114,7 +115,10 @@ def fit(
     def announce(line: str) -> None:
         console.print(line, markup=False)
 
-    begin = None if start == NO_START else SHIPPED if start is None else Path(start)
+    begin: Path | str | None = SHIPPED
+    if start is not None:
+        shipped = {name: pretrained_run(name) for name in pretrained_names()}
+        begin = None if start == NO_START else shipped.get(start, Path(start))
     request = FitRequest(
         datasets, out, configuration(recipe, given, config), array=array, weights=weight, start=begin, resume=resume,
         workers=workers, check=check, devices=devices, logger=logger,
