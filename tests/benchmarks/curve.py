@@ -4,14 +4,13 @@
 
 DATASET is ``build/study/unseen`` of ``make study``; each RUN a folder of ``trainer fit``, after the one that it begins
 with. Average precision and NMSE of the test split at its strongest Doppler peaks, with bootstrap intervals over the
-judged frames: on the left, of runs that begin with nothing, over the frames that they were trained on; on the right, of
-all, over steps, those of the runs before it counted. Beside them the best untrained method, told the motion, with the
-same receivers and with all.
+judged frames, over steps, those of the runs before counted. Beside them the best untrained method, told the motion,
+with the same receivers and with all.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -25,7 +24,7 @@ from trainer.data.arrays import choose_array
 from trainer.metrics.bootstrap import Interval, bootstrap_mean
 from trainer.metrics.ranking import average_precision
 from trainer.run.answers import Answer, array_answer, network_answer
-from trainer.run.folder import Start, load_imager
+from trainer.run.folder import Start, load_imager, read_run
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
@@ -33,15 +32,18 @@ from matplotlib.axes import Axes
 
 UNTRAINED = "likes-view-ego"
 TITLES = ("average precision", "NMSE")
+BESIDE = 250
+"""Steps by which a run that begins with nothing is drawn to the right."""
 
 
 @dataclass(frozen=True)
 class Point:
-    """One run: frames it was trained on, steps in all, whether it begins with weights, and what it scores, by title."""
+    """One run: frames it was trained on, steps in all, whether another begins with its weights or it with another's,
+    and what it scores, by title."""
 
     frames: int
     steps: int
-    begun: bool
+    stage: bool
     scores: tuple[Interval, Interval]
 
 
@@ -63,47 +65,44 @@ def main(
 
     levels = {of: score(f"{of}, {UNTRAINED}", array_answer(UNTRAINED, choose_array(of, radar), radar))
               for of in (array, "full")}  # fmt: skip
+    own = {folder: Start.of(folder).sha256 for folder in runs}
+    begun_with = {run.start.sha256 for folder in runs if (run := read_run(folder)).start is not None}
     steps_to: dict[str, int] = {}  # by the hash of the weights
     points = []
     for folder in runs:
         run, imager = load_imager(folder)
         used = sum(source.frames["train"] for source in run.datasets)
-        begun = run.start is not None
         steps = run.config.steps + (steps_to[run.start.sha256] if run.start is not None else 0)
-        steps_to[Start.of(folder).sha256] = steps
-        name = f"{steps} steps, {used} frames{', in stages' if begun else ''}"
-        points.append(Point(used, steps, begun, score(name, network_answer(run, imager))))
+        steps_to[own[folder]] = steps
+        scores = score(f"{steps} steps, the last {run.config.steps} on {used} frames", network_answer(run, imager))
+        points.append(Point(used, steps, run.start is not None or own[folder] in begun_with, scores))
     draw(points, levels, out)
 
 
 def draw(points: list[Point], levels: dict[str, tuple[Interval, Interval]], out: Path) -> None:
-    figure, axes = plt.subplots(2, 2, figsize=(10, 6.5), layout="constrained", sharey="row")
-    anew = sorted((point for point in points if not point.begun), key=lambda point: point.frames)
-    for number, (title, (over_frames, over_steps)) in enumerate(zip(TITLES, axes, strict=True)):
-        for axis in (over_frames, over_steps):
-            for (of, level), style in zip(levels.items(), (":", "--"), strict=True):
-                axis.axhline(level[number].value, color="0.4", linestyle=style, label=f"{UNTRAINED}, {of}")
-            axis.grid(alpha=0.3)
-        for steps in sorted({point.steps for point in anew}):
-            line = [point for point in anew if point.steps == steps]
-            _bars(over_frames, [point.frames for point in line], line, number, "o-", f"{steps} steps from nothing")
-        stages = [point for point in points if point.begun]
-        _bars(over_steps, [point.steps for point in anew], anew, number, "o", "from nothing")
-        _bars(over_steps, [point.steps for point in stages], stages, number, "s-", "each from the one before")
-        counts = sorted({point.frames for point in anew})
-        over_frames.set(xscale="log", xlabel="frames trained on", ylabel=title)
-        over_frames.set_xticks(counts, [str(count) for count in counts])
-        over_frames.minorticks_off()
-        over_steps.set(xlabel="steps in all", xlim=(0.0, None))
-    for axis in axes[0]:
-        axis.legend(fontsize=8, loc="lower right")
+    figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    stages = [point for point in points if point.stage]
+    for number, (title, axis) in enumerate(zip(TITLES, axes, strict=True)):
+        for (of, level), style in zip(levels.items(), (":", "--"), strict=True):
+            axis.axhline(level[number].value, color="0.4", linestyle=style, label=f"{UNTRAINED}, {of}")
+        _bars(axis, stages, number, "s-", "each from the one before")
+        for index, point in enumerate(point for point in points if not point.stage):
+            beside = replace(point, steps=point.steps + BESIDE * (index + 1))  # the same steps: they would hide another
+            _bars(axis, [beside], number, "o", f"from nothing on {point.frames} frames")
+        for point in stages:
+            place = (point.steps, point.scores[number].value)
+            axis.annotate(f"{point.frames} frames", place, (6, -12), textcoords="offset points", fontsize=8)
+        axis.set(xlabel="steps in all", ylabel=title, xlim=(0.0, 1.3 * max(point.steps for point in points)))
+        axis.grid(alpha=0.3)
+    axes[0].legend(fontsize=8, loc="lower right")
     figure.savefig(out, dpi=110)
 
 
-def _bars(axis: Axes, places: list[int], points: list[Point], number: int, style: str, label: str) -> None:
+def _bars(axis: Axes, points: list[Point], number: int, style: str, label: str) -> None:
     found = [point.scores[number] for point in points]
     spread = [[one.value - one.low for one in found], [one.high - one.value for one in found]]
-    axis.errorbar(places, [one.value for one in found], spread, fmt=style, capsize=3, label=label)
+    axis.errorbar([point.steps for point in points], [one.value for one in found], spread, fmt=style, capsize=3,
+                  label=label)  # fmt: skip
 
 
 if __name__ == "__main__":
