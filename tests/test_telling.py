@@ -46,7 +46,7 @@ VALUES: dict[str, tuple[Callable[[], Told], list[str]]] = {
     "Array": (lambda: _radar().array, ["3 TX x 16 RX, 48 virtual channels, 94 mm wide, 0 mm high"]),
     "Scene": (_scene, ["scene street", "310 objects", "13 point targets", "40 of them move", "warned: 13"]),
     "Plan": (_plan, ["on: specular", "off: refraction", "8 frames", "-30 dB", "0.25 processor seconds"]),
-    "Run": (_run, ["unrolled", "sparse6", "RX 0, 1, 6, 10, 13, 15", "778 train"]),
+    "Run": (_run, ["unrolled", "sparse6", "RX 0, 1, 6, 10, 13, 15", "681 train"]),
     "Frame": (_frame, ["frame 2: points", "(1.0, -2.0, 0.1) m", "10.0 m/s", "2 targets, 2 boxes", "image [6, 20]"]),
 }  # fmt: skip
 
