@@ -66,9 +66,9 @@ DEVELOPER_ADVICE = (
 FURTHER_RATE = 2e-4
 """Learning rate of training that begins with the weights of a run, where none is stated.
 
-From the shipped weights, on the 60 frames of ``make dataset``, the average precision of its ten test frames changes by
-+0.006 (-0.007 to +0.021) on one thread and by -0.007 (-0.028 to +0.022) on two, with the rate of random weights by
--0.018 (-0.041 to +0.014): ``trainer fit build/dataset --learning-rate 1e-3 --out build/run``.
+On the 60 frames of ``make dataset`` the average precision of its ten test frames changes by -0.006 (-0.016 to +0.007);
+with the rate of random weights, from the weights that shipped before, by -0.018 (-0.041 to +0.014): ``trainer fit
+build/dataset --learning-rate 1e-3 --out build/run``.
 """
 
 
