@@ -13,6 +13,7 @@ from sionna_scenes import MATERIALS
 from datafactory.paths import facets
 from datafactory.paths.facets import Mirrors, reflected_share
 from datafactory.paths.merged_scene import MergedMesh
+from datafactory.paths.rims import Rim
 from datafactory.paths.scattering import SURFACE_CELL_M, surface_phase
 
 WAVELENGTH_M = 299_792_458.0 / 77.5e9
@@ -122,15 +123,15 @@ def test_the_boundary_of_a_plane_is_found_once_and_is_that_of_each_of_its_triang
     moving = mesh([(2, 2, 0), (3, 2, 0), (3, 3, 0), (2, 3, 0)], [[0, 1, 2], [0, 2, 3]], velocity=(1.0, 0.0, 0.0))
     mirrors = Mirrors.of([*floor, wall, moving])
     found: list[int] = []
-    slow = facets._without_shared
+    slow = facets.free_edges
 
     def counted(edges: np.ndarray) -> np.ndarray:
         found.append(len(edges))
         return slow(edges)
 
-    monkeypatch.setattr(facets, "_without_shared", counted)
+    monkeypatch.setattr(facets, "free_edges", counted)
     for triangle in range(len(mirrors.normals)):
-        expected, edges = boundary_of(mirrors, triangle), mirrors.edges(triangle)
+        expected, edges = boundary_of(mirrors, triangle), mirrors.rim(triangle).edges
 
         def sorted_rows(of: np.ndarray) -> np.ndarray:
             rows = np.rint(of.reshape(-1, 6) / 1e-6)
@@ -208,3 +209,32 @@ def test_the_angles_of_far_edges_add_up_whatever_the_turns_and_whether_they_clos
 )
 def test_whole_plane_edge_and_corner(y, z, expected):
     assert share(plate(y, z)) == pytest.approx(expected, abs=1e-6)
+
+
+def test_far_stretches_of_a_rim_count_as_their_chords(generator: np.random.Generator) -> None:
+    """A floor with a jagged outline of 300 edges and a hole, against the integral along every edge."""
+    angle = 2.0 * np.pi * np.arange(300) / 300
+    outline = (20.0 + 2.0 * (np.arange(300) % 2) + generator.uniform(0.0, 1.0, 300)) * np.exp(1j * angle)
+    hole = 3.0 * np.exp(-2j * np.pi * np.arange(40) / 40) + 8.0
+    edges = np.concatenate([np.stack([loop, np.roll(loop, -1)], axis=1) for loop in (outline, hole)])
+    edges = np.stack([edges.real, edges.imag, np.zeros(edges.shape)], axis=2)[generator.permutation(len(edges))]
+    rim = Rim.of(edges)
+    assert len(rim.radius) < len(edges) / 8
+    for seen in (rim, rim.turned(), Rim.joined([rim.turned(), rim])):
+        assert sum(np.diff(seen.begins)) == len(seen.edges)
+        for first, last in itertools.pairwise(seen.begins):
+            assert np.abs(seen.edges[first + 1 : last, 0] - seen.edges[first : last - 1, 1]).max(initial=0.0) < 1e-9
+    one, buffer = np.array([[0, len(rim.radius)]]), np.empty_like(rim.edges)
+    places = [*np.c_[generator.uniform(-25.0, 25.0, (60, 2)), np.zeros(60)], *(edges[:20].mean(axis=1) + 1e-3)]
+    for point in places:
+        slope = generator.uniform(0.05, 1.0)
+        arrival = np.array([np.sqrt(1.0 - slope**2), 0.0, -slope])
+        scale = np.array([SCALE])
+        share = facets._mirror_shares(
+            rim, one, point[None], arrival[None], np.array([[0.0, 0.0, 1.0]]), np.zeros(1, dtype=np.int64), scale
+        )[0]
+        total, turned, _ = facets._along_edges(
+            edges, point, np.array([slope, 0.0, 0.0]) * SCALE, np.array([0.0, SCALE, 0.0])
+        )
+        assert share == pytest.approx(total / max(turned, 2.0 * np.pi), abs=1e-9)
+        assert facets._as_seen(rim, one[0], point, 1.0, buffer) < len(edges) / 2

@@ -108,9 +108,9 @@ def test_boundaries_of_mirrors_that_rest_are_those_of_time_0() -> None:
     rest, now = mirrors_of(merged), mirrors_of(merged.at(0.7))
     assert now.turned is not None
     resting = np.flatnonzero(~now.turned)
-    assert now.edges(int(resting[0])) is rest.edges(int(resting[0]))
+    assert now.rim(int(resting[0])) is rest.rim(int(resting[0]))
     turned = int(np.flatnonzero(now.turned)[0])
-    assert np.abs(now.edges(turned) - rest.edges(turned)).max() > 0.1
+    assert np.abs(now.rim(turned).edges - rest.rim(turned).edges).max() > 0.1
 
 
 def test_a_scene_at_rest_is_itself_at_all_times() -> None:

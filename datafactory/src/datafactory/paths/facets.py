@@ -32,6 +32,7 @@ import numpy as np
 from scipy.special import wofz
 
 from datafactory.paths.merged_scene import MergedMesh, MergedScene, found_once
+from datafactory.paths.rims import Rim, free_edges
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Complex, Index, Mask, Real
 
@@ -72,8 +73,8 @@ class Mirrors:
     body: Index
     known: Mirrors | None = None
     turned: Mask | None = None
-    _edges: dict[int, Real] = field(default_factory=dict, compare=False, repr=False)
-    _boundaries: dict[bytes, tuple[Real, Real]] = field(default_factory=dict, compare=False, repr=False)
+    _rims: dict[int, Rim] = field(default_factory=dict, compare=False, repr=False)
+    _boundaries: dict[bytes, tuple[Rim, Rim]] = field(default_factory=dict, compare=False, repr=False)
 
     @staticmethod
     def of(meshes: Sequence[MergedMesh]) -> Mirrors:
@@ -90,19 +91,19 @@ class Mirrors:
         """[T, 3] the first corner of every triangle [m]."""
         return np.ascontiguousarray(self.corners[:, 0])
 
-    def edges(self, triangle: int) -> Real:
-        """[E, 2, 3] directed boundary edges [m] of all triangles in the plane of this one, inside on their left."""
+    def rim(self, triangle: int) -> Rim:
+        """The boundary of all triangles in the plane of this one."""
         if self.known is not None and self.turned is not None and not self.turned[triangle]:
-            return self.known.edges(triangle)
-        if triangle not in self._edges:
+            return self.known.rim(triangle)
+        if triangle not in self._rims:
             members = self._coplanar(triangle)
             plane = sha256(members.tobytes()).digest()  # the members of a ground are a key of some hundred kilobytes
             if plane not in self._boundaries:
-                found = self._boundary(members)
-                self._boundaries[plane] = found, found[:, ::-1]
+                found = Rim.of(self._boundary(members))
+                self._boundaries[plane] = found, found.turned()
             away = self.normals[members[:1]] @ self.normals[triangle] < 0.0
-            self._edges[triangle] = self._boundaries[plane][int(away.any())]
-        return self._edges[triangle]
+            self._rims[triangle] = self._boundaries[plane][int(away.any())]
+        return self._rims[triangle]
 
     def _coplanar(self, triangle: int) -> Index:
         """The triangles of one body, rising, that lie in the plane of this one; none for one without an area."""
@@ -121,7 +122,7 @@ class Mirrors:
         away = self.normals[members] @ normal < 0.0
         corners = np.where(away[:, None, None], self.corners[members, ::-1], self.corners[members])
         edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2, 3)
-        return _without_shared(edges - origin) + origin
+        return free_edges(edges - origin) + origin
 
 
 @compiled()
@@ -148,17 +149,6 @@ def mirrors_of(merged_scene: MergedScene) -> Mirrors:
     return replace(Mirrors.of(merged_scene.meshes), known=known, turned=turned)
 
 
-def _without_shared(edges: Real) -> Real:
-    """The directed edges whose reverse is not in the list; doubled triangles count once."""
-    grid = np.rint(edges / 1e-4).astype(np.int64)
-    _, point = np.unique(grid.reshape(-1, 3), axis=0, return_inverse=True)
-    start, end = point.reshape(-1, 2).T
-    count = 2 * len(edges)
-    forward, index = np.unique(start * count + end, return_index=True)
-    free = (start[index] != end[index]) & ~np.isin(end[index] * count + start[index], forward)
-    return edges[np.sort(index[free])]
-
-
 def reflected_share(
     mirrors: Mirrors,
     triangle: Index,
@@ -178,33 +168,32 @@ def reflected_share(
     if not len(triangle):
         return np.ones(0, dtype=np.complex128)
     scale = np.sqrt((1.0 / before_m + 1.0 / after_m) / wavelength_m)
-    edges, ends, place = _edges_of_each(mirrors, triangle)
-    return _mirror_shares(edges, ends[place[triangle]], point, arrival, mirrors.normals, triangle, scale)
+    rims, ends, place = _rims_of_each(mirrors, triangle)
+    return _mirror_shares(rims, ends[place[triangle]], point, arrival, mirrors.normals, triangle, scale)
 
 
-def _edges_of_each(mirrors: Mirrors, triangle: Index) -> tuple[Real, Index, Index]:
-    """Edges [E, 2, 3] of the planes of M triangles that are met, where each triangle's begin and end [M, 2] among
-    them, and which of the M a triangle [T] is."""
+def _rims_of_each(mirrors: Mirrors, triangle: Index) -> tuple[Rim, Index, Index]:
+    """Rims of the planes of M triangles that are met as one, which of its stretches are each triangle's, from [M, 0] to
+    before [M, 1], and which of the M a triangle [T] is."""
     met = np.flatnonzero(np.bincount(triangle, minlength=len(mirrors.normals)))
     place = np.zeros(len(mirrors.normals), dtype=np.int64)
     place[met] = np.arange(len(met))
-    own = [mirrors.edges(which) for which in met.tolist()]
-    planes = {id(edges): edges for edges in own}  # triangles of one plane share the array of its edges
-    ends = dict(zip(planes, np.cumsum([len(edges) for edges in planes.values()]).tolist(), strict=True))
-    last = np.array([ends[id(edges)] for edges in own])
-    first = last - np.array([len(edges) for edges in own])
-    return np.concatenate(list(planes.values())), np.stack([first, last], axis=1), place
+    own = [mirrors.rim(which) for which in met.tolist()]
+    rims = list({id(rim): rim for rim in own}.values())  # triangles of one plane share its rim
+    last = dict(zip(map(id, rims), np.cumsum([len(rim.radius) for rim in rims]).tolist(), strict=True))
+    ends = [(last[id(rim)] - len(rim.radius), last[id(rim)]) for rim in own]
+    return Rim.joined(rims), np.array(ends), place
 
 
 @compiled()
-def _mirror_shares(edges, ends, point, arrival, normals, triangle, scale):
-    """[n] F of specular points [n, 3] on mirrors, whose edges are a piece of ``edges``.
+def _mirror_shares(rims, ends, point, arrival, normals, triangle, scale):
+    """[n] F of specular points [n, 3] on mirrors, each with some of the stretches of ``rims``.
 
-    :param ends: [n, 2] first of its edges, and the one after the last; :param triangle: [n] into ``normals``
+    :param ends: [n, 2] first of its stretches, and the one after the last; :param triangle: [n] into ``normals``
     :param scale: [n] of xi and eta to lengths across the wave
     """
     share = np.ones(len(point), dtype=np.complex128)
-    along, across = np.empty(3), np.empty(3)
+    along, across, seen = np.empty(3), np.empty(3), np.empty_like(rims.edges)
     for k in range(len(point)):
         a, n = arrival[k], normals[triangle[k]]
         length = np.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2)
@@ -223,10 +212,34 @@ def _mirror_shares(edges, ends, point, arrival, normals, triangle, scale):
             across[i] = (n[i - 2] * along[i - 1] - n[i - 1] * along[i - 2]) * scale[k]
         for i in range(3):
             along[i] *= abs(slope) / length * scale[k]
-        own = edges[ends[k, 0] : ends[k, 1]]
-        total, turned, _ = _along_edges(own, point[k], along, across)
+        reach = np.sqrt(CUT) / max(abs(slope) / length * scale[k], 1e-9) + 2.0 * COPLANAR_M
+        count = _as_seen(rims, ends[k], point[k], reach, seen)
+        total, turned, _ = _along_edges(seen[:count], point[k], along, across)
         share[k] = total / max(turned, 2.0 * np.pi)
     return share
+
+
+@compiled(cache=False)
+def _as_seen(rims, ends, point, reach, seen):
+    """Fill ``seen`` [E, 2, 3] with the edges of stretches of which a part may lie within ``reach`` of a point [3], and
+    with the chords of the others; how many."""
+    count = 0
+    for stretch in range(ends[0], ends[1]):
+        first, last = rims.begins[stretch], rims.begins[stretch + 1]
+        square = 0.0
+        for i in range(3):
+            square += (rims.centre[stretch, i] - point[i]) ** 2
+        if square > (reach + rims.radius[stretch]) ** 2:
+            for i in range(3):
+                seen[count, 0, i], seen[count, 1, i] = rims.edges[first, 0, i], rims.edges[last - 1, 1, i]
+            count += 1
+            continue
+        for edge in range(first, last):
+            for end in range(2):
+                for i in range(3):
+                    seen[count, end, i] = rims.edges[edge, end, i]
+            count += 1
+    return count
 
 
 @compiled()
