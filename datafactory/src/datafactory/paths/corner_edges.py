@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,12 +89,19 @@ class CornerEdges(Placed):
         nearest = np.clip(-np.einsum("ci,ci->c", self.origin, self.direction), low, high)
         return self.take(np.linalg.norm(self.origin + nearest[:, None] * self.direction, axis=1) < distance_m)
 
+    @cached_property
+    def _joined_faces(self) -> tuple[Index, int]:
+        """Numbers of the pairs of faces that make corners, rising, and what the lower face counts in them."""
+        count, pairs = int(self.face_of_triangle.max(initial=-1)) + 1, np.sort(self.face, axis=1)
+        return np.sort(pairs[:, 0] * count + pairs[:, 1]), count
+
     def joins(self, triangle: Index, other: Index) -> Mask:
         """[n] whether two triangles [n] each belong to the two faces of one corner."""
-        count = int(self.face_of_triangle.max(initial=-1)) + 1
-        faces = np.sort(np.stack([self.face_of_triangle[triangle], self.face_of_triangle[other]], axis=1), axis=1)
-        pairs = np.sort(self.face, axis=1)
-        return (faces[:, 0] >= 0) & np.isin(faces[:, 0] * count + faces[:, 1], pairs[:, 0] * count + pairs[:, 1])
+        known, count = self._joined_faces
+        one, two = self.face_of_triangle[triangle], self.face_of_triangle[other]
+        low, asked = np.minimum(one, two), np.minimum(one, two) * count + np.maximum(one, two)
+        place = np.searchsorted(known, asked)
+        return (low >= 0) & (np.append(known, -1)[place] == asked)
 
 
 def corners_of(merged_scene: MergedScene) -> CornerEdges:

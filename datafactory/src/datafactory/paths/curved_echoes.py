@@ -66,6 +66,8 @@ from shared.physics.vectors import Complex, Index, Mask, Real, unit
 
 INSIDE = 1e-6
 """Barycentric coordinates may fall below zero by this: triangles share their sides, and a foot there is one."""
+BEHIND_M = 1e-3
+"""A triangle so far behind the sensor has no foot ahead of it, nor beside itself by :data:`INSIDE`."""
 SAME_FOOT = 1e-4
 """Feet nearer than this share of the triangle's size are one."""
 ROUNDS = 5
@@ -108,17 +110,20 @@ class CurvedFeet(Columns):
 
 
 def curved_feet(surfaces: CurvedSurfaces, view: View) -> tuple[CurvedFeet, int]:
-    """All feet that lie ahead, and the number of triangles left out because they lie around their own focus."""
+    """All feet that lie ahead, and how many of the triangles ahead are left out because they lie around their focus."""
     moved, rotation = view.moved[view.merged.mesh_of_triangle[surfaces.triangle]], view.rotation
-    corners, normals = (surfaces.corners + moved[:, None]) @ rotation, surfaces.normals @ rotation
+    corners = (surfaces.corners + moved[:, None]) @ rotation
+    ahead = np.flatnonzero(corners[:, :, 0].max(axis=1) >= -BEHIND_M)
+    corners, normals = corners[ahead], surfaces.normals[ahead] @ rotation
     weight, focused = _barycentric_feet(corners, normals)
     size = np.sqrt(np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1))
     point, mean = (np.einsum("ci,cij->cj", weight, part) for part in (corners, normals))
     kept = np.flatnonzero((weight >= -INSIDE).all(axis=1) & (point[:, 0] >= -AHEAD_M))
     kept = kept[apart(point[kept], SAME_FOOT * size[kept])]
     weight, point, corners, at_corners = weight[kept], point[kept], corners[kept], normals[kept]
-    length = np.linalg.norm(mean[kept], axis=1)
-    normal = mean[kept] / length[:, None]
+    mean, kept = mean[kept], ahead[kept]
+    length = np.linalg.norm(mean, axis=1)
+    normal = mean / length[:, None]
     # The height of the arc over the chord: exact on spheres and cylinders, whose |n| is the chord's distance over r.
     height = np.einsum("ni,nij,nij->n", weight, corners - point[:, None], at_corners) / (1.0 + length)
     foot = point + height[:, None] * normal
