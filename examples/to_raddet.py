@@ -31,7 +31,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.dataset import Box, Frame
-from shared.dataset.boxes import footprint, range_and_u
 from shared.dataset.folder import open_dataset
 from shared.dataset.reading import radar_of
 from shared.radar import Radar
@@ -124,8 +123,8 @@ def truth(frame: Frame, radar: Radar, left_out: Counter[str]) -> dict[str, objec
 def over_cells(box: Box, radar: Radar) -> Real:
     """[6] middle and width over rows, columns and Doppler cells."""
     rows, waveform = rows_of(radar), radar.waveform
-    range_m, u = range_and_u(box)
-    x, y = footprint(box, 16).T
+    range_m, u = box.range_and_u()
+    x, y = box.footprint(16).T
     rate = (x * box.velocity[0] + y * box.velocity[1] + box.center[2] * box.velocity[2]) / range_m
     middle, width = spans(
         (rows - 1) - range_m / waveform.range_step_m,
@@ -140,7 +139,7 @@ def over_cells(box: Box, radar: Radar) -> Real:
 def over_squares(box: Box, radar: Radar) -> Real:
     """[4] middle and width over rows (ahead) and columns (to the right) of squares of a range step."""
     rows, step = rows_of(radar), radar.waveform.range_step_m
-    x, y = footprint(box).T
+    x, y = box.footprint().T
     middle, width = spans((rows - 1) - x / step, rows - y / step)
     return np.concatenate([np.clip(middle, 0.0, [rows - 1.0, 2.0 * rows - 1.0]), width])
 

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from datafactory.view.camera import Cameras, draw_camera, seen
 from shared.dataset import Box, Frame
-from shared.dataset.boxes import footprint, range_and_u
 from shared.dataset.folder import Dataset
 from shared.dataset.locations import Location
 from shared.dataset.reading import radar_of, read_frame
@@ -139,7 +138,7 @@ def _draw_boxes(axis: Axes, frame: Frame) -> None:
     """The boxes' outlines over an image: their footprints, at the height of their middles."""
     limits = axis.get_xlim(), axis.get_ylim()
     for box in frame.boxes:
-        range_m, u = range_and_u(box)
+        range_m, u = box.range_and_u()
         style = "-" if box.power > 0.0 else ":"
         axis.plot(np.append(u, u[0]), np.append(range_m, range_m[0]), style, color=_colour(box), linewidth=0.6)
     axis.set(xlim=limits[0], ylim=limits[1])
@@ -150,7 +149,7 @@ def _outline_boxes(axis: Axes, frame: Frame) -> None:
     named = dict[str, str]()
     for box in frame.boxes:
         style = "-" if box.power > 0.0 else ":"
-        outline = footprint(box)[:, ::-1]
+        outline = box.footprint()[:, ::-1]
         axis.add_patch(Polygon(outline, fill=False, edgecolor=_colour(box), linestyle=style, linewidth=0.8))
         named[box.class_name if box.class_name in BOX_COLOURS else "other classes"] = _colour(box)
     for name, colour in named.items():

@@ -96,6 +96,10 @@ class Target:
     object: str = ""
 
 
+AROUND = np.array([(0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5), (0.5, -0.5)])
+"""The corners of a footprint, counter-clockwise from the front left one, over length and width."""
+
+
 @dataclass(frozen=True)
 class Box:
     """An object that moves or has a class: the box around it, at mid-frame, in the radar frame.
@@ -116,6 +120,24 @@ class Box:
     class_name: str
     object: str
     power: float = 0.0
+
+    def footprint(self, points: int = 1) -> NDArray[np.float64]:
+        """[4 * points, 2] x and y [m] along its outline seen from above, counter-clockwise from its front left corner.
+
+        :param points: of each side, its first corner among them
+        """
+        share = np.arange(points)[:, None] / points
+        sides = zip(AROUND, np.roll(AROUND, -1, axis=0), strict=True)
+        around = np.concatenate([(1.0 - share) * first + share * second for first, second in sides])
+        along = around * np.array(self.size[:2])
+        cosine, sine = np.cos(self.yaw), np.sin(self.yaw)
+        return np.array(self.center[:2]) + along @ np.array([[cosine, sine], [-sine, cosine]])
+
+    def range_and_u(self, points: int = 16) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """[4 * points] range [m] and u = sin(azimuth) along its footprint, at the height of its middle."""
+        x, y = self.footprint(points).T
+        range_m = np.sqrt(x**2 + y**2 + self.center[2] ** 2)
+        return range_m, y / np.maximum(range_m, 1e-9)
 
 
 @dataclass(frozen=True, eq=False)
