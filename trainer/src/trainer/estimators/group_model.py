@@ -1,6 +1,10 @@
 """A group of range-Doppler cells and its model: responses of lines, least squares, what is left, how well it is told.
 
-The equations stand in :mod:`trainer.estimators.groups`.
+The equations stand in :mod:`trainer.estimators.groups`. In cell m of channel c a line of unit amplitude shows as W_m(c)
+e(c), with W the whitened window's response, real, and e(c) = exp(-j phase). Its derivatives have the same e(c) times W,
+W' and the phase's slope. The inner products of two lines and their derivatives so follow, channel by channel, from
+e^* e and four real sums over the cells: a third of the products that columns of all cells and channels would take. The
+loops over channels have no branches and no calls, which is what lets them work on several channels at once.
 """
 
 from __future__ import annotations
@@ -10,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trainer.estimators.small_matrices import backward, cholesky, dot, eigen, forward, part, solve
+from shared.physics.compiled import inlined
+from trainer.estimators.small_matrices import backward, cholesky, eigen, forward, part, scaled, solve
 
 SEPARABLE = 0.05
 """Least eigenvalue of the Gram matrix of normed lines whose part of the amplitudes is told, see
@@ -19,8 +24,15 @@ RIDGE = 1e-12
 """On the diagonal of a Gram matrix: two lines at one place share its amplitude instead of failing."""
 FARTHEST = 2.5
 """Bins from a group's centre to a line that it is told of: what stands there reaches its outer cells."""
-POINTS_A_BIN = 64
-"""Of the table of a window's response, read by cubic Hermite interpolation: 1e-8 of the peak."""
+MOST_CELLS = 3
+"""Of a group. Lines respond with nothing in those that it lacks: a loop of constant length costs less."""
+POINTS_A_BIN, TABLE_BINS = 64, 6
+"""Cubics of the table of a window's response: within 1e-8 of the peak; and how far from a group's centre it reaches.
+Beyond RESPONSE_BINS of every cell it holds zeros."""
+COSINE, SINE, TURN, VALUE, SLOPE = 0, 1, 2, 3, 3 + MOST_CELLS
+"""Rows of a line's response: real and imaginary part of e(c), the phase's slope, W and W' of each cell."""
+ROWS = 3 + 2 * MOST_CELLS
+FAST = {"reassoc", "contract", "nsz", "nnan", "ninf"}
 
 
 ZERO, ONE = np.int64(0), np.int64(1)
@@ -36,14 +48,15 @@ class Model(NamedTuple):
     """[C] w_c [bins]"""
     curve: NDArray[np.float64]
     """[C] k q_c [rad m]"""
-    response: NDArray[np.float64]
-    """[2, S] h and its derivative from 0 on, at POINTS_A_BIN"""
+    window: NDArray[np.float64]
+    """[S, 4, MOST_CELLS] coefficients of rising powers, by cells of the group: its whitened responses to an echo x bins
+    above its centre, a cubic for each POINTS_A_BIN-th from x = -TABLE_BINS to TABLE_BINS"""
     cell: float
     """Resolution cell in u"""
     axis: NDArray[np.float64]
     """[A] uniform"""
     steering: NDArray[np.float64]
-    """[2, A, C] real and imaginary part of exp(-j k p u)"""
+    """[2, C, A] real and imaginary part of exp(-j k p u)"""
     overlap: NDArray[np.complex128]
     """[A] mean over channels of exp(-j k p u) at multiples of the axis' step"""
     first: float
@@ -51,37 +64,35 @@ class Model(NamedTuple):
     further: float
     """Threshold of every other line"""
     limit: NDArray[np.float64]
-    """[M + 1, most + 1] energy in units of the noise below which nothing is added, by cells and lines"""
+    """[most + 1] energy in units of the noise below which nothing is added, by lines"""
     most: int
     """Lines of a group"""
 
 
 class Work(NamedTuple):
-    """Scratch of one group: V = lines (1 + coordinates) columns, two sets of them."""
+    """Scratch of one group: V = lines (1 + coordinates) columns, two sets of what follows from the lines' places."""
 
-    re: NDArray[np.float64]
-    im: NDArray[np.float64]
+    response: NDArray[np.float64]
+    """[2, K, ROWS, C]"""
     gram: NDArray[np.complex128]
+    """[2, V, V] inner products of the lines and their derivatives"""
     right: NDArray[np.complex128]
+    """[2, V] and with x"""
     amplitude: NDArray[np.complex128]
     factor: NDArray[np.complex128]
     mixed: NDArray[np.complex128]
     curvature: NDArray[np.float64]
     slope: NDArray[np.float64]
     score: NDArray[np.float64]
-    matched: NDArray[np.complex128]
-    inside: NDArray[np.complex128]
+    matched: NDArray[np.float64]
+    inside: NDArray[np.float64]
 
 
 class Group(NamedTuple):
     """The data of one group."""
 
     x: NDArray[np.float64]
-    """[2, N] real and imaginary part, whitened, of largest element about 1"""
-    offset: NDArray[np.int64]
-    """[M] range bins from the centre"""
-    white: NDArray[np.float64]
-    """[M, M] inverse Cholesky factor of the cells' noise"""
+    """[2, M, C] real and imaginary part, whitened, of largest element about 1; M = MOST_CELLS, but 1 of a single cell"""
     coordinates: int | np.int64
     """Of a line, that the cells tell: 1, its u, or 2, its range as well"""
     noise: float
@@ -92,72 +103,149 @@ class Group(NamedTuple):
     """1 / R [1/m]"""
 
 
-@part
-def window(response, x):
-    """(h, dh/dx) of the window at x [cells]; 0 beyond the table."""
-    place = abs(x) * POINTS_A_BIN
+@inlined(error_model="numpy", fastmath={"contract"})
+def _fill_waves(model, bend, u, line, response, which):
+    """e(c) and its phase's slope: series within an eighth of a turn, doubled twice."""
+    for c in range(len(model.phase)):
+        bent = model.curve[c] * bend * u
+        turns = (model.phase[c] + bent) * u * (0.5 / np.pi)
+        angle = (turns - np.floor(turns + 0.5)) * (0.5 * np.pi)
+        y = -angle * angle
+        sine = 1.0 + y / 156.0 * (1.0 + y / 210.0)
+        sine = 1.0 + y / 20.0 * (1.0 + y / 42.0 * (1.0 + y / 72.0 * (1.0 + y / 110.0 * sine)))
+        sine = angle * (1.0 + y / 6.0 * sine)
+        cosine = 1.0 + y / 132.0 * (1.0 + y / 182.0 * (1.0 + y / 240.0))
+        cosine = 1.0 + y / 12.0 * (1.0 + y / 30.0 * (1.0 + y / 56.0 * (1.0 + y / 90.0 * cosine)))
+        cosine = 1.0 + y / 2.0 * cosine
+        cosine, sine = 1.0 - 2.0 * sine * sine, 2.0 * sine * cosine
+        response[which, line, COSINE, c] = 1.0 - 2.0 * sine * sine
+        response[which, line, SINE, c] = -2.0 * sine * cosine
+        response[which, line, TURN, c] = model.phase[c] + 2.0 * bent
+
+
+@inlined(error_model="numpy", fastmath={"contract"})
+def table_place(x):
+    """(cubic, place in it) of ``Model.window`` for an echo x bins above the centre."""
+    place = (min(max(x, -TABLE_BINS), TABLE_BINS) + TABLE_BINS) * POINTS_A_BIN
     below = int(place)
-    if below + 1 >= response.shape[1]:
-        return 0.0, 0.0
-    t, step = place - below, 1.0 / POINTS_A_BIN
-    low, high = response[0, below], response[0, below + 1]
-    rise, next_rise = response[1, below] * step, response[1, below + 1] * step
-    bend = 3.0 * (high - low) - 2.0 * rise - next_rise
-    twist = 2.0 * (low - high) + rise + next_rise
-    value = low + t * (rise + t * (bend + t * twist))
-    slope = (rise + t * (2.0 * bend + 3.0 * t * twist)) * POINTS_A_BIN
-    return value, slope if x >= 0.0 else -slope
+    return below, place - below
+
+
+@inlined(error_model="numpy", fastmath={"contract"})
+def _fill_windows(model, u, offset, line, response, which):
+    """W and W' of each cell."""
+    window = model.window
+    for c in range(len(model.walk)):
+        # An echo above the centre stands in a cell as the cell below it does: h is even.
+        i, t = table_place(offset - model.walk[c] * u)
+        for m in range(MOST_CELLS):
+            linear, square, cube = window[i, 1, m], window[i, 2, m], window[i, 3, m]
+            response[which, line, VALUE + m, c] = window[i, 0, m] + t * (linear + t * (square + t * cube))
+            response[which, line, SLOPE + m, c] = -POINTS_A_BIN * (linear + 2.0 * t * (square + 1.5 * t * cube))
+
+
+@inlined(error_model="numpy", fastmath=FAST)
+def _wave_pair(response, which, a, b):
+    """Inner products of line a and its derivative by u with those of b, where W is 1."""
+    ll = lu = ul = uu = 0j
+    for c in range(response.shape[3]):
+        wave_a = complex(response[which, a, COSINE, c], -response[which, a, SINE, c])
+        wave = wave_a * complex(response[which, b, COSINE, c], response[which, b, SINE, c])
+        turn_a, turn_b = 1j * response[which, a, TURN, c], -1j * response[which, b, TURN, c]
+        ll += wave
+        lu += turn_b * wave
+        ul += turn_a * wave
+        uu += turn_a * turn_b * wave
+    return ll, lu, ul, uu
+
+
+@inlined(error_model="numpy", fastmath=FAST)
+def _pair(response, which, a, b, walk):
+    """Inner products of line a and its derivatives by u and range with those of b, by a first."""
+    ll = lu = lr = ul = uu = ur = rl = ru = rr = 0j
+    for c in range(response.shape[3]):
+        wave_a = complex(response[which, a, COSINE, c], -response[which, a, SINE, c])
+        wave = wave_a * complex(response[which, b, COSINE, c], response[which, b, SINE, c])
+        values = slope_a = slope_b = slopes = 0.0
+        for m in range(MOST_CELLS):
+            values += response[which, a, VALUE + m, c] * response[which, b, VALUE + m, c]
+            slope_a += response[which, a, SLOPE + m, c] * response[which, b, VALUE + m, c]
+            slope_b += response[which, a, VALUE + m, c] * response[which, b, SLOPE + m, c]
+            slopes += response[which, a, SLOPE + m, c] * response[which, b, SLOPE + m, c]
+        # The derivative of W e by u is (w W' - j turn W) e, that by the range offset -W' e.
+        w, turn_a, turn_b = walk[c], 1j * response[which, a, TURN, c], -1j * response[which, b, TURN, c]
+        by_u_value = w * (slope_a * wave) + turn_a * (values * wave)
+        by_u_slope = w * (slopes * wave) + turn_a * (slope_b * wave)
+        ll += values * wave
+        lu += w * (slope_b * wave) + turn_b * (values * wave)
+        lr -= slope_b * wave
+        ul += by_u_value
+        uu += w * by_u_slope + turn_b * by_u_value
+        ur -= by_u_slope
+        rl -= slope_a * wave
+        ru -= w * (slopes * wave) + turn_b * (slope_a * wave)
+        rr += slopes * wave
+    return ll, lu, lr, ul, uu, ur, rl, ru, rr
+
+
+@inlined(error_model="numpy", fastmath=FAST)
+def _wave_data(response, which, a, x):
+    """Inner products of line a and its derivative by u with x, where W is 1."""
+    line = by_u = 0j
+    for c in range(response.shape[3]):
+        wave = complex(response[which, a, COSINE, c], -response[which, a, SINE, c])
+        value = wave * complex(x[0, 0, c], x[1, 0, c])
+        line += value
+        by_u += 1j * response[which, a, TURN, c] * value
+    return line, by_u
+
+
+@inlined(error_model="numpy", fastmath=FAST)
+def _data(response, which, a, walk, x):
+    """Inner products of line a and its derivatives by u and range with x."""
+    line = by_u = by_range = 0j
+    for c in range(response.shape[3]):
+        wave = complex(response[which, a, COSINE, c], -response[which, a, SINE, c])
+        value = slope = 0j
+        for m in range(MOST_CELLS):
+            value += response[which, a, VALUE + m, c] * complex(x[0, m, c], x[1, m, c])
+            slope += response[which, a, SLOPE + m, c] * complex(x[0, m, c], x[1, m, c])
+        value, slope = wave * value, wave * slope
+        line += value
+        by_u += walk[c] * slope + 1j * response[which, a, TURN, c] * value
+        by_range -= slope
+    return line, by_u, by_range
 
 
 @part
-def columns_of(model, group, place, lines, re, im):
-    """Fill re and im [V, N] with the responses of ``lines`` lines at ``place`` [K, 2] and their derivatives."""
-    channels, cells = len(model.phase), len(group.white)
-    wide = 1 + group.coordinates
-    plain = np.empty((2, cells))
+def evaluate(model, group, place, lines, work, which):
+    """Fill set ``which`` of ``work`` for lines at ``place`` [K, 2]; of the Gram matrix the lower triangle."""
+    response, gram, right = work.response, work.gram, work.right
     for k in range(lines):
-        u = place[k, 0]
-        for c in range(channels):
-            bent = model.curve[c] * group.bend * u
-            angle, turn = (model.phase[c] + bent) * u, model.phase[c] + 2.0 * bent
-            cosine, sine = np.cos(angle), -np.sin(angle)
-            if cells == 1 and wide == 2:
-                re[k * wide, c], im[k * wide, c] = cosine, sine
-                re[k * wide + 1, c], im[k * wide + 1, c] = turn * sine, -turn * cosine
-                continue
-            for m in range(cells):
-                plain[0, m], plain[1, m] = window(model.response, group.offset[m] - place[k, 1] + model.walk[c] * u)
-            for m in range(cells):
-                value = by_range = 0.0
-                for other in range(m + 1):
-                    weight = group.white[m, other]
-                    value += weight * plain[0, other]
-                    by_range += weight * plain[1, other]
-                n = m * channels + c
-                re[k * wide, n], im[k * wide, n] = value * cosine, value * sine
-                by_angle, by_place = k * wide + 1, k * wide + 2
-                turned, walked = turn * value, model.walk[c] * by_range
-                re[by_angle, n] = turned * sine + walked * cosine
-                im[by_angle, n] = walked * sine - turned * cosine
-                if wide == 3:
-                    re[by_place, n], im[by_place, n] = -by_range * cosine, -by_range * sine
+        _fill_waves(model, group.bend, place[k, 0], k, response, which)
+        if group.coordinates == 1:
+            right[which, 2 * k], right[which, 2 * k + 1] = _wave_data(response, which, k, group.x)
+            for j in range(k + 1):
+                ll, lu, ul, uu = _wave_pair(response, which, k, j)
+                gram[which, 2 * k, 2 * j], gram[which, 2 * k, 2 * j + 1] = ll, lu
+                gram[which, 2 * k + 1, 2 * j], gram[which, 2 * k + 1, 2 * j + 1] = ul, uu
+            continue
+        _fill_windows(model, place[k, 0], place[k, 1], k, response, which)
+        a = 3 * k
+        right[which, a], right[which, a + 1], right[which, a + 2] = _data(response, which, k, model.walk, group.x)
+        for j in range(k + 1):
+            ll, lu, lr, ul, uu, ur, rl, ru, rr = _pair(response, which, k, j, model.walk)
+            b = 3 * j
+            gram[which, a, b], gram[which, a, b + 1], gram[which, a, b + 2] = ll, lu, lr
+            gram[which, a + 1, b], gram[which, a + 1, b + 1], gram[which, a + 1, b + 2] = ul, uu, ur
+            gram[which, a + 2, b], gram[which, a + 2, b + 1], gram[which, a + 2, b + 2] = rl, ru, rr
 
 
 @part
-def products(group, columns, re, im, gram, right):
-    """The inner products of all columns with each other and with x."""
-    for a in range(columns):
-        real, imaginary = dot(re[a], im[a], group.x[0], group.x[1])
-        right[a] = complex(real, imaginary)
-        for b in range(a + 1):
-            real, imaginary = dot(re[a], im[a], re[b], im[b])
-            gram[a, b], gram[b, a] = complex(real, imaginary), complex(real, -imaginary)
-
-
-@part
-def _solved(factor, lines, amplitude):
-    """The energy that lines explain whose Gram matrix stands in ``factor``, and A^H x in ``amplitude``; leaves the
-    Cholesky factor and the amplitudes there."""
+def _solved(work, lines):
+    """The energy that lines explain whose Gram matrix stands in ``work.factor``, and A^H x in ``work.amplitude``;
+    leaves the Cholesky factor and the amplitudes there."""
+    factor, amplitude = work.factor, work.amplitude
     cholesky(factor, lines)
     forward(factor, lines, amplitude)
     explained = 0.0
@@ -168,82 +256,77 @@ def _solved(factor, lines, amplitude):
 
 
 @part
-def least_squares(gram, right, wide, lines, factor, amplitude):
-    """Amplitudes of the lines and the energy that they explain; leaves the Cholesky factor of their Gram matrix."""
+def least_squares(work, which, wide, lines):
+    """The energy that the lines explain; leaves their amplitudes and the Cholesky factor of their Gram matrix."""
+    gram, factor = work.gram, work.factor
     for i in range(lines):
         for j in range(i + 1):
-            factor[i, j] = gram[i * wide, j * wide]
+            factor[i, j] = gram[which, i * wide, j * wide]
         factor[i, i] = factor[i, i] * (1.0 + RIDGE) + RIDGE
-        amplitude[i] = right[i * wide]
-    return _solved(factor, lines, amplitude)
+        work.amplitude[i] = work.right[which, i * wide]
+    return _solved(work, lines)
 
 
 @part
-def bounded(gram, right, wide, used, lines, amplitude, factor):
+def bounded(work, which, wide, lines, left_out):
     """Amplitudes without the directions that noise decides, and the energy that they explain.
 
-    :param used: [K] which of the columns' lines take part, ``lines`` of them
+    :param lines: how many take part: all but ``left_out``, which is ``lines`` for none
     """
+    gram, factor, amplitude = work.gram, work.factor, work.amplitude
+    norm, column = np.empty(lines), np.empty(lines, dtype=np.int64)
+    for i in range(lines):
+        column[i] = (i if i < left_out else i + 1) * wide
+        norm[i] = 1.0 / np.sqrt(max(gram[which, column[i], column[i]].real, 1e-300))
+        amplitude[i] = work.right[which, column[i]]
     # Where all eigenvalues of the normed Gram matrix are above SEPARABLE nothing is left out.
     for i in range(lines):
-        own = gram[used[i] * wide, used[i] * wide].real
-        for j in range(i + 1):
-            other = gram[used[j] * wide, used[j] * wide].real
-            factor[i, j] = gram[used[i] * wide, used[j] * wide] / np.sqrt(max(own * other, 1e-300))
+        for j in range(i):
+            factor[i, j] = scaled(gram[which, column[i], column[j]], norm[i] * norm[j])
         factor[i, i] = 1.0 - SEPARABLE
     if cholesky(factor, lines):
         for i in range(lines):
             for j in range(i + 1):
-                factor[i, j] = gram[used[i] * wide, used[j] * wide]
-            amplitude[i] = right[used[i] * wide]
-        return _solved(factor, lines, amplitude)
-    normed = np.empty((lines, lines), dtype=np.complex128)
-    norm = np.empty(lines)
+                factor[i, j] = gram[which, column[i], column[j]]
+        return _solved(work, lines)
+    normed, vectors = np.empty((2, lines, lines), dtype=np.complex128)
     for i in range(lines):
-        norm[i] = np.sqrt(max(gram[used[i] * wide, used[i] * wide].real, 1e-300))
-    for i in range(lines):
-        for j in range(lines):
-            normed[i, j] = gram[used[i] * wide, used[j] * wide] / (norm[i] * norm[j])
+        for j in range(i):
+            normed[i, j] = scaled(gram[which, column[i], column[j]], norm[i] * norm[j])
+            normed[j, i] = np.conj(normed[i, j])
         normed[i, i] = 1.0
         amplitude[i] = 0.0
-    vectors = np.empty((lines, lines), dtype=np.complex128)
     eigen(normed, vectors, lines)
     explained = 0.0
     for j in range(lines):
         if normed[j, j].real >= SEPARABLE:
             along = 0.0j
             for i in range(lines):
-                along += np.conj(vectors[i, j]) * right[used[i] * wide] / norm[i]
+                along += np.conj(vectors[i, j]) * scaled(work.right[which, column[i]], norm[i])
             explained += (along.real**2 + along.imag**2) / normed[j, j].real
             for i in range(lines):
-                amplitude[i] += vectors[i, j] * along / normed[j, j].real / norm[i]
+                amplitude[i] += vectors[i, j] * scaled(along, norm[i] / normed[j, j].real)
     return explained
 
 
 @part
-def every(lines):
-    """[lines] which lines take part: all of them."""
-    return np.arange(lines)
-
-
-@part
-def information(gram, right, wide, lines, work):
+def information(work, which, wide, lines):
     """Curvature Re[J^H J] and slope Re[J^H x] of all free coordinates, from the factor and amplitudes in ``work``."""
-    factor, amplitude, mixed = work.factor, work.amplitude, work.mixed
+    gram, amplitude, mixed = work.gram, work.amplitude, work.mixed
     size = lines * (wide - 1)
     for a in range(size):
         line, column = a // (wide - 1), a // (wide - 1) * wide + 1 + a % (wide - 1)
         # (L^-1 A^H D)_a; what is left of x is orthogonal to A.
+        residual = work.right[which, column]
         for k in range(lines):
-            mixed[a, k] = gram[k * wide, column]
-        forward(factor, lines, mixed[a])
-        residual = right[column]
-        for k in range(lines):
-            residual -= gram[column, k * wide] * amplitude[k]
+            own = gram[which, column, k * wide] if k <= line else np.conj(gram[which, k * wide, column])
+            residual -= own * amplitude[k]
+            mixed[a, k] = np.conj(own)
+        forward(work.factor, lines, mixed[a])
         work.slope[a] = (np.conj(amplitude[line]) * residual).real
         for b in range(a + 1):
             other, beside = b // (wide - 1), b // (wide - 1) * wide + 1 + b % (wide - 1)
-            value = gram[column, beside]
+            value = gram[which, column, beside]
             for k in range(lines):
                 value -= np.conj(mixed[a, k]) * mixed[b, k]
             value *= np.conj(amplitude[line]) * amplitude[other]
@@ -252,20 +335,10 @@ def information(gram, right, wide, lines, work):
 
 
 @part
-def evaluate(model, group, place, lines, work, which):
-    """Fill set ``which`` of ``work`` for lines at ``place``."""
-    wide = 1 + group.coordinates
-    columns_of(model, group, place, lines, work.re[which], work.im[which])
-    products(group, lines * wide, work.re[which], work.im[which], work.gram[which], work.right[which])
-
-
-@part
 def energy_left(model, group, place, lines, work):
     """Energy that lines at ``place`` leave with bounded amplitudes; set 0 of ``work`` is theirs."""
     evaluate(model, group, place, lines, work, ZERO)
-    wide = 1 + group.coordinates
-    explained = bounded(work.gram[0], work.right[0], wide, every(lines), lines, work.amplitude, work.factor)
-    return max(group.energy - explained, 0.0)
+    return max(group.energy - bounded(work, ZERO, 1 + group.coordinates, lines, lines), 0.0)
 
 
 @part
@@ -273,8 +346,8 @@ def describe(model, group, place, lines, work, amplitude, deviation):
     """Bounded amplitudes [K] and Cramer-Rao deviations [K, 2] of the lines."""
     wide = 1 + group.coordinates
     evaluate(model, group, place, lines, work, ZERO)
-    least_squares(work.gram[0], work.right[0], wide, lines, work.factor, work.amplitude)
-    size = information(work.gram[0], work.right[0], wide, lines, work)
+    least_squares(work, ZERO, wide, lines)
+    size = information(work, ZERO, wide, lines)
     scale, matrix, column = np.empty(size), np.empty((size, size)), np.empty(size)
     for a in range(size):
         # Elements at one place say nothing of an angle, but for rounding.
@@ -288,6 +361,6 @@ def describe(model, group, place, lines, work, amplitude, deviation):
         solved = solve(matrix, column, size)
         variance = 0.5 * group.noise * column[a] * scale[a] ** 2 if solved else np.inf
         deviation[a // (wide - 1), a % (wide - 1)] = np.sqrt(max(variance, 0.0))
-    bounded(work.gram[0], work.right[0], wide, every(lines), lines, work.amplitude, work.factor)
+    bounded(work, ZERO, wide, lines, lines)
     for k in range(lines):
         amplitude[k] = work.amplitude[k]
