@@ -170,7 +170,7 @@ def _fitted(
     whitened = np.einsum("mn,bnc->bmc", white * alternating(bins), cells)
     scale = np.abs(whitened).max(axis=(1, 2), initial=0.0)
     present = np.flatnonzero(scale > 0.0)
-    x = np.zeros((len(present), 1 if len(bins) == 1 else MOST_CELLS, array.channels), dtype=np.complex128)
+    x = np.zeros((len(present), MOST_CELLS, array.channels), dtype=np.complex128)
     x[:, : len(bins)] = whitened[present] / scale[present, None, None]
     # The quotient comes before the square: the square of 1e-200 would be zero.
     relative = np.minimum(np.sqrt(received.thermal[present]) / scale[present], LARGEST_RELATIVE_NOISE) ** 2
@@ -254,6 +254,7 @@ def _model(
         walk=walk,
         curve=array.bend_phase(np.ones(1))[0],
         window=_response_table(bins),
+        cells=len(bins),
         cell=array.resolution_cell,
         axis=axis,
         steering=np.ascontiguousarray([steering.real, steering.imag]),

@@ -51,6 +51,8 @@ class Model(NamedTuple):
     window: NDArray[np.float64]
     """[S, 4, MOST_CELLS] coefficients of rising powers, by cells of the group: its whitened responses to an echo x bins
     above its centre, a cubic for each POINTS_A_BIN-th from x = -TABLE_BINS to TABLE_BINS"""
+    cells: int
+    """Of a group, at most MOST_CELLS"""
     cell: float
     """Resolution cell in u"""
     axis: NDArray[np.float64]
@@ -80,7 +82,7 @@ class Work(NamedTuple):
     """[2, V] and with x"""
     amplitude: NDArray[np.complex128]
     factor: NDArray[np.complex128]
-    mixed: NDArray[np.complex128]
+    mixed: NDArray[np.float64]
     curvature: NDArray[np.float64]
     slope: NDArray[np.float64]
     score: NDArray[np.float64]
@@ -92,7 +94,7 @@ class Group(NamedTuple):
     """The data of one group."""
 
     x: NDArray[np.float64]
-    """[2, M, C] real and imaginary part, whitened, of largest element about 1; M = MOST_CELLS, but 1 of a single cell"""
+    """[2, MOST_CELLS, C] real and imaginary part, whitened, of largest element about 1"""
     coordinates: int | np.int64
     """Of a line, that the cells tell: 1, its u, or 2, its range as well"""
     noise: float
@@ -189,18 +191,6 @@ def _pair(response, which, a, b, walk):
 
 
 @inlined(error_model="numpy", fastmath=FAST)
-def _wave_data(response, which, a, x):
-    """Inner products of line a and its derivative by u with x, where W is 1."""
-    line = by_u = 0j
-    for c in range(response.shape[3]):
-        wave = complex(response[which, a, COSINE, c], -response[which, a, SINE, c])
-        value = wave * complex(x[0, 0, c], x[1, 0, c])
-        line += value
-        by_u += 1j * response[which, a, TURN, c] * value
-    return line, by_u
-
-
-@inlined(error_model="numpy", fastmath=FAST)
 def _data(response, which, a, walk, x):
     """Inner products of line a and its derivatives by u and range with x."""
     line = by_u = by_range = 0j
@@ -217,28 +207,58 @@ def _data(response, which, a, walk, x):
     return line, by_u, by_range
 
 
+@inlined(error_model="numpy", fastmath=FAST)
+def _values(response, which, a, b, cells):
+    """Inner product of lines a and b alone."""
+    total = 0j
+    for c in range(response.shape[3]):
+        values = 1.0 if cells == 1 else 0.0
+        for m in range(MOST_CELLS if cells > 1 else 0):
+            values += response[which, a, VALUE + m, c] * response[which, b, VALUE + m, c]
+        wave_a = complex(response[which, a, COSINE, c], -response[which, a, SINE, c])
+        total += values * (wave_a * complex(response[which, b, COSINE, c], response[which, b, SINE, c]))
+    return total
+
+
+@inlined(error_model="numpy", fastmath=FAST)
+def _values(response, which, a, b):
+    """Inner product of lines a and b alone."""
+    total = 0j
+    for c in range(response.shape[3]):
+        values = 0.0
+        for m in range(MOST_CELLS):
+            values += response[which, a, VALUE + m, c] * response[which, b, VALUE + m, c]
+        wave_a = complex(response[which, a, COSINE, c], -response[which, a, SINE, c])
+        total += values * (wave_a * complex(response[which, b, COSINE, c], response[which, b, SINE, c]))
+    return total
+
+
 @part
-def evaluate(model, group, place, lines, work, which):
-    """Fill set ``which`` of ``work`` for lines at ``place`` [K, 2]; of the Gram matrix the lower triangle."""
-    response, gram, right = work.response, work.gram, work.right
+def evaluate(model, group, place, lines, slopes, work, which):
+    """Fill set ``which`` of ``work`` for lines at ``place`` [K, 2]; of the Gram matrix the lower triangle, and only what
+    lines have with each other where no ``slopes`` are asked for."""
+    response, gram, right, wide = work.response, work.gram, work.right, 1 + group.coordinates
     for k in range(lines):
+        a = k * wide
         _fill_waves(model, group.bend, place[k, 0], k, response, which)
-        if group.coordinates == 1:
-            right[which, 2 * k], right[which, 2 * k + 1] = _wave_data(response, which, k, group.x)
-            for j in range(k + 1):
-                ll, lu, ul, uu = _wave_pair(response, which, k, j)
-                gram[which, 2 * k, 2 * j], gram[which, 2 * k, 2 * j + 1] = ll, lu
-                gram[which, 2 * k + 1, 2 * j], gram[which, 2 * k + 1, 2 * j + 1] = ul, uu
-            continue
-        _fill_windows(model, place[k, 0], place[k, 1], k, response, which)
-        a = 3 * k
-        right[which, a], right[which, a + 1], right[which, a + 2] = _data(response, which, k, model.walk, group.x)
+        if wide == 3:
+            _fill_windows(model, place[k, 0], place[k, 1], k, response, which)
+        right[which, a], right[which, a + 1], by_range = _data(response, which, k, model.walk, group.x)
+        if wide == 3:
+            right[which, a + 2] = by_range
         for j in range(k + 1):
-            ll, lu, lr, ul, uu, ur, rl, ru, rr = _pair(response, which, k, j, model.walk)
-            b = 3 * j
-            gram[which, a, b], gram[which, a, b + 1], gram[which, a, b + 2] = ll, lu, lr
-            gram[which, a + 1, b], gram[which, a + 1, b + 1], gram[which, a + 1, b + 2] = ul, uu, ur
-            gram[which, a + 2, b], gram[which, a + 2, b + 1], gram[which, a + 2, b + 2] = rl, ru, rr
+            b = j * wide
+            if not slopes:
+                gram[which, a, b] = _values(response, which, k, j)
+            elif wide == 2:
+                ll, lu, ul, uu = _wave_pair(response, which, k, j)
+                gram[which, a, b], gram[which, a, b + 1] = ll, lu
+                gram[which, a + 1, b], gram[which, a + 1, b + 1] = ul, uu
+            else:
+                ll, lu, lr, ul, uu, ur, rl, ru, rr = _pair(response, which, k, j, model.walk)
+                gram[which, a, b], gram[which, a, b + 1], gram[which, a, b + 2] = ll, lu, lr
+                gram[which, a + 1, b], gram[which, a + 1, b + 1], gram[which, a + 1, b + 2] = ul, uu, ur
+                gram[which, a + 2, b], gram[which, a + 2, b + 1], gram[which, a + 2, b + 2] = rl, ru, rr
 
 
 @part
@@ -311,33 +331,45 @@ def bounded(work, which, wide, lines, left_out):
 
 @part
 def information(work, which, wide, lines):
-    """Curvature Re[J^H J] and slope Re[J^H x] of all free coordinates, from the factor and amplitudes in ``work``."""
-    gram, amplitude, mixed = work.gram, work.amplitude, work.mixed
+    """Curvature Re[J^H J], its upper triangle, and slope Re[J^H x] of all free coordinates, from the factor and
+    amplitudes in ``work``."""
+    gram, amplitude, factor, mixed, curvature = work.gram, work.amplitude, work.factor, work.mixed, work.curvature
     size = lines * (wide - 1)
     for a in range(size):
         line, column = a // (wide - 1), a // (wide - 1) * wide + 1 + a % (wide - 1)
-        # (L^-1 A^H D)_a; what is left of x is orthogonal to A.
+        # What is left of x is orthogonal to A.
         residual = work.right[which, column]
         for k in range(lines):
             own = gram[which, column, k * wide] if k <= line else np.conj(gram[which, k * wide, column])
             residual -= own * amplitude[k]
-            mixed[a, k] = np.conj(own)
-        forward(work.factor, lines, mixed[a])
+            own = np.conj(own) * amplitude[line]
+            mixed[0, k, a], mixed[1, k, a] = own.real, own.imag
         work.slope[a] = (np.conj(amplitude[line]) * residual).real
         for b in range(a + 1):
             other, beside = b // (wide - 1), b // (wide - 1) * wide + 1 + b % (wide - 1)
-            value = gram[which, column, beside]
-            for k in range(lines):
-                value -= np.conj(mixed[a, k]) * mixed[b, k]
-            value *= np.conj(amplitude[line]) * amplitude[other]
-            work.curvature[a, b] = work.curvature[b, a] = value.real
+            curvature[b, a] = (gram[which, column, beside] * np.conj(amplitude[line]) * amplitude[other]).real
+    # mixed := L^-1 A^H D diag(s)
+    for k in range(lines):
+        for j in range(k):
+            real, imaginary = factor[k, j].real, factor[k, j].imag
+            for a in range(size):
+                mixed[0, k, a] -= real * mixed[0, j, a] - imaginary * mixed[1, j, a]
+                mixed[1, k, a] -= real * mixed[1, j, a] + imaginary * mixed[0, j, a]
+        inverse = factor[k, k].real
+        for a in range(size):
+            mixed[0, k, a] *= inverse
+            mixed[1, k, a] *= inverse
+        for a in range(size):
+            real, imaginary = mixed[0, k, a], mixed[1, k, a]
+            for b in range(a, size):
+                curvature[a, b] -= real * mixed[0, k, b] + imaginary * mixed[1, k, b]
     return size
 
 
 @part
 def energy_left(model, group, place, lines, work):
     """Energy that lines at ``place`` leave with bounded amplitudes; set 0 of ``work`` is theirs."""
-    evaluate(model, group, place, lines, work, ZERO)
+    evaluate(model, group, place, lines, False, work, ZERO)
     return max(group.energy - bounded(work, ZERO, 1 + group.coordinates, lines, lines), 0.0)
 
 
@@ -345,7 +377,7 @@ def energy_left(model, group, place, lines, work):
 def describe(model, group, place, lines, work, amplitude, deviation):
     """Bounded amplitudes [K] and Cramer-Rao deviations [K, 2] of the lines."""
     wide = 1 + group.coordinates
-    evaluate(model, group, place, lines, work, ZERO)
+    evaluate(model, group, place, lines, True, work, ZERO)
     least_squares(work, ZERO, wide, lines)
     size = information(work, ZERO, wide, lines)
     scale, matrix, column = np.empty(size), np.empty((size, size)), np.empty(size)
@@ -354,7 +386,7 @@ def describe(model, group, place, lines, work, amplitude, deviation):
         scale[a] = 1.0 / np.sqrt(max(work.curvature[a, a], RIDGE * (2.0 * np.pi) ** 2 * group.energy))
     for a in range(size):
         for i in range(size):
-            for j in range(size):
+            for j in range(i, size):
                 matrix[i, j] = work.curvature[i, j] * scale[i] * scale[j]
             matrix[i, i] += RIDGE
             column[i] = 1.0 if i == a else 0.0

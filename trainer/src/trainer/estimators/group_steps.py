@@ -53,17 +53,15 @@ def refine(model, group, place, lines, steps, work):
     if lines == 0:
         return group.energy
     wide, now = 1 + group.coordinates, ZERO
-    evaluate(model, group, place, lines, work, now)
-    before = bounded(work, now, wide, lines, lines)
-    explained = least_squares(work, now, wide, lines)
+    evaluate(model, group, place, lines, True, work, now)
+    begun = explained = least_squares(work, now, wide, lines)
     best, trial = np.empty((lines, 2)), np.empty((lines, 2))
-    keep = np.empty(lines, dtype=np.complex128)
     copy(place, lines, best)
     damping = FIRST_DAMPING
     step = np.empty(lines * (wide - 1))
     damped = np.empty((lines * (wide - 1), lines * (wide - 1)))
     fresh = True
-    for _ in range(steps):
+    for past in range(steps):
         if fresh:
             size = information(work, now, wide, lines)
         largest = 0.0
@@ -71,7 +69,7 @@ def refine(model, group, place, lines, steps, work):
             largest = max(largest, work.curvature[a, a])
         for a in range(size):
             step[a] = work.slope[a]
-            for b in range(size):
+            for b in range(a, size):
                 damped[a, b] = work.curvature[a, b]
             # A line without amplitude has no curvature, and no step.
             damped[a, a] += damping * damped[a, a] + max(RIDGE * largest, 1e-300)
@@ -89,9 +87,8 @@ def refine(model, group, place, lines, steps, work):
             trial[line, coordinate] += step[a]
             if coordinate > 0:
                 trial[line, coordinate] = min(max(trial[line, coordinate], -FARTHEST), FARTHEST)
-        evaluate(model, group, trial, lines, work, 1 - now)
-        for k in range(lines):
-            keep[k] = work.amplitude[k]
+        last = past == steps - 1 or moved < SETTLED or expected < ENOUGH * group.noise
+        evaluate(model, group, trial, lines, not last, work, 1 - now)
         found = least_squares(work, 1 - now, wide, lines)
         fresh = found > explained
         if fresh:
@@ -99,16 +96,18 @@ def refine(model, group, place, lines, steps, work):
             explained, now = found, 1 - now
             damping = max(damping / DAMPING_FACTOR, LEAST_DAMPING)
         else:
-            for k in range(lines):
-                work.amplitude[k] = keep[k]
             damping = min(damping * DAMPING_FACTOR, MOST_DAMPING)
-        if moved < SETTLED or expected < ENOUGH * group.noise:
+        if last:
             break
     after = bounded(work, now, wide, lines, lines)
-    if after >= before:
-        copy(best, lines, place)
-        return max(group.energy - after, 0.0)
-    return max(group.energy - before, 0.0)
+    if after < begun:
+        # Bounded amplitudes explain no more than all: only now may the lines have been better where they began.
+        evaluate(model, group, place, lines, False, work, 1 - now)
+        before = bounded(work, 1 - now, wide, lines, lines)
+        if after < before:
+            return max(group.energy - before, 0.0)
+    copy(best, lines, place)
+    return max(group.energy - after, 0.0)
 
 
 @inlined(error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
@@ -133,28 +132,25 @@ def scan(model, group, lines, range_offset, work):
     Q^H b / |b|, Q an orthonormal basis of the lines. An angle in their span scores 0. The walk of the echo through the
     bins is left out: it takes a few hundredths of the energy.
     """
-    channels, cells, response = len(model.phase), group.x.shape[1], work.response
+    channels, response = len(model.phase), work.response
     inside, score, matched = work.inside, work.score, work.matched
-    weight = np.ones(MOST_CELLS)
-    if cells > 1:
-        row, t = table_place(range_offset)
-        for m in range(cells):
-            table = model.window
-            weight[m] = table[row, 0, m] + t * (table[row, 1, m] + t * (table[row, 2, m] + t * table[row, 3, m]))
-    norm = 0.0
-    for m in range(cells):
+    row, t = table_place(range_offset)
+    weight, norm = np.empty(MOST_CELLS), 0.0
+    for m in range(MOST_CELLS):
+        table = model.window
+        weight[m] = table[row, 0, m] + t * (table[row, 1, m] + t * (table[row, 2, m] + t * table[row, 3, m]))
         norm += weight[m] ** 2
     norm = np.sqrt(norm * channels)
     left, own = np.zeros((2, channels)), np.empty((2, channels))
-    for m in range(cells):
+    for m in range(MOST_CELLS):
         for c in range(channels):
             left[0, c] += weight[m] * group.x[0, m, c]
             left[1, c] += weight[m] * group.x[1, m, c]
     for k in range(lines):
         amplitude = work.amplitude[k]
         for c in range(channels):
-            value = 0.0 if cells > 1 else 1.0
-            for m in range(cells if cells > 1 else 0):
+            value = 0.0
+            for m in range(MOST_CELLS):
                 value += weight[m] * response[0, k, VALUE + m, c]
             own[0, c], own[1, c] = value * response[0, k, COSINE, c], -value * response[0, k, SINE, c]
             left[0, c] -= own[0, c] * amplitude.real + own[1, c] * amplitude.imag
@@ -183,10 +179,10 @@ def scan(model, group, lines, range_offset, work):
 def best_start(model, group, place, lines, work):
     """(angle, range offset, energy) of the best further line; ``work`` holds a scan."""
     if lines:
-        evaluate(model, group, place, lines, work, ZERO)
+        evaluate(model, group, place, lines, False, work, ZERO)
         least_squares(work, ZERO, 1 + group.coordinates, lines)
     angle, offset, most = 0.0, 0.0, -1.0
-    farthest = 0 if group.x.shape[1] == 1 else 1
+    farthest = 0 if model.cells == 1 else 1
     for step in range(-farthest, farthest + 1):
         scan(model, group, lines, float(step), work)
         best = np.argmax(work.score)

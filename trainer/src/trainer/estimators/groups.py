@@ -41,6 +41,7 @@ from shared.physics.compiled import compiled
 from trainer.estimators.group_model import (
     ONE,
     ROWS,
+    VALUE,
     ZERO,
     Group,
     Work,
@@ -229,7 +230,7 @@ def _replace_by_pair(model, group, place, lines, left, line, work):
     if kept:
         put(trial, ZERO, place[line, 0], place[line, 1])
         offset = place[0 if line else 1, 1]
-        evaluate(model, group, trial, kept, work, ZERO)
+        evaluate(model, group, trial, kept, False, work, ZERO)
         least_squares(work, ZERO, 1 + group.coordinates, kept)
     scan(model, group, kept, offset, work)
     count = min(KEPT_ANGLES, len(model.axis))
@@ -355,13 +356,13 @@ def _fit(model, group, given, place, work):
 def fit_all(model, x, scale, given, place, amplitude, deviation):
     """Fit G groups of equal cells.
 
-    :param x: [G, 2, M, C] see :class:`.group_model.Group`; M = 1 or MOST_CELLS
+    :param x: [G, 2, MOST_CELLS, C] see :class:`.group_model.Group`
     :param scale: [G, 2] noise power of one element in the scale of x, 1 / R [1/m]
     :param given: [G, n] angles to begin with, NaN for none
     :param place: [G, most, 2] filled with u and range offsets [bins], NaN where there is no line
     :param amplitude: [G, most], filled; :param deviation: [G, most, 2] of the places, filled
     """
-    coordinates = ONE if x.shape[2] == 1 else ONE + ONE
+    coordinates = ONE if model.cells == 1 else ONE + ONE
     columns, most, angles = model.most * (1 + coordinates), model.most, len(model.axis)
     for index in prange(len(x)):
         energy = 0.0
@@ -370,12 +371,13 @@ def fit_all(model, x, scale, given, place, amplitude, deviation):
                 energy += x[index, 0, m, c] ** 2 + x[index, 1, m, c] ** 2
         group = Group(x[index], coordinates, scale[index, 0], energy, scale[index, 1])
         work = Work(
-            np.empty((2, most, ROWS, x.shape[3])),
+            np.zeros((2, most, ROWS, x.shape[3])),
             np.empty((2, columns, columns), dtype=np.complex128), np.empty((2, columns), dtype=np.complex128),
             np.empty(most, dtype=np.complex128), np.empty((most, most), dtype=np.complex128),
-            np.empty((columns, most), dtype=np.complex128), np.empty((columns, columns)), np.empty(columns),
+            np.empty((2, most, columns)), np.empty((columns, columns)), np.empty(columns),
             np.empty(angles), np.empty((2, angles)), np.empty((most, 2, angles)),
         )  # fmt: skip
+        work.response[:, :, VALUE] = 1.0  # of a single cell; else filled for each place
         found = np.zeros((most, 2))
         lines = _fit(model, group, given[index], found, work)
         if lines:

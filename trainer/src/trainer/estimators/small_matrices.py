@@ -68,7 +68,7 @@ def eigen(matrix, vectors, size):
         beside = 0.0
         for p in range(size):
             for q in range(p + 1, size):
-                norm = np.abs(matrix[p, q])
+                norm = np.sqrt(matrix[p, q].real ** 2 + matrix[p, q].imag ** 2)
                 beside = max(beside, norm)
                 if norm < JACOBI_ZERO:
                     continue
@@ -91,27 +91,26 @@ def eigen(matrix, vectors, size):
 
 @part
 def solve(matrix, vector, size):
-    """Solve a symmetric positive definite system in place; False where it is not. As above, the diagonal of the factor
-    is inverted."""
-    for i in range(size):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= matrix[i, k] * matrix[j, k]
-            if j < i:
-                matrix[i, j] = total * matrix[j, j]
-            elif total > 0.0:
-                matrix[i, i] = 1.0 / np.sqrt(total)
-            else:
-                return False
-    for i in range(size):
-        total = vector[i]
-        for k in range(i):
-            total -= matrix[i, k] * vector[k]
-        vector[i] = total * matrix[i, i]
+    """Solve a symmetric positive definite system in place, by the upper triangle; False where it is not. The inner
+    loops run along rows, several elements at once."""
+    for k in range(size):
+        if not matrix[k, k] > 0.0:
+            return False
+        matrix[k, k] = 1.0 / np.sqrt(matrix[k, k])
+        for j in range(k + 1, size):
+            matrix[k, j] *= matrix[k, k]
+        for i in range(k + 1, size):
+            factor = matrix[k, i]
+            for j in range(i, size):
+                matrix[i, j] -= factor * matrix[k, j]
+    for k in range(size):
+        vector[k] *= matrix[k, k]
+        value = vector[k]
+        for j in range(k + 1, size):
+            vector[j] -= value * matrix[k, j]
     for i in range(size - 1, -1, -1):
         total = vector[i]
         for k in range(i + 1, size):
-            total -= matrix[k, i] * vector[k]
+            total -= matrix[i, k] * vector[k]
         vector[i] = total * matrix[i, i]
     return True
