@@ -148,23 +148,23 @@ def _fill_windows(model, u, offset, line, response, which):
 
 @inlined(error_model="numpy", fastmath=FAST)
 def _wave_pair(response, which, a, b):
-    """Inner products of line a and its derivative by u with those of b, where W is 1."""
-    ll = lu = ul = uu = 0j
+    """Inner products of line a and its derivative by u with those of b, where W is 1; that of the lines is known."""
+    lu = ul = uu = 0j
     for c in range(response.shape[3]):
         wave_a = complex(response[which, a, COSINE, c], -response[which, a, SINE, c])
         wave = wave_a * complex(response[which, b, COSINE, c], response[which, b, SINE, c])
         turn_a, turn_b = 1j * response[which, a, TURN, c], -1j * response[which, b, TURN, c]
-        ll += wave
         lu += turn_b * wave
         ul += turn_a * wave
         uu += turn_a * turn_b * wave
-    return ll, lu, ul, uu
+    return lu, ul, uu
 
 
 @inlined(error_model="numpy", fastmath=FAST)
 def _pair(response, which, a, b, walk):
-    """Inner products of line a and its derivatives by u and range with those of b, by a first."""
-    ll = lu = lr = ul = uu = ur = rl = ru = rr = 0j
+    """Inner products of line a and its derivatives by u and range with those of b, by a first; that of the lines is
+    known."""
+    lu = lr = ul = uu = ur = rl = ru = rr = 0j
     for c in range(response.shape[3]):
         wave_a = complex(response[which, a, COSINE, c], -response[which, a, SINE, c])
         wave = wave_a * complex(response[which, b, COSINE, c], response[which, b, SINE, c])
@@ -178,7 +178,6 @@ def _pair(response, which, a, b, walk):
         w, turn_a, turn_b = walk[c], 1j * response[which, a, TURN, c], -1j * response[which, b, TURN, c]
         by_u_value = w * (slope_a * wave) + turn_a * (values * wave)
         by_u_slope = w * (slopes * wave) + turn_a * (slope_b * wave)
-        ll += values * wave
         lu += w * (slope_b * wave) + turn_b * (values * wave)
         lr -= slope_b * wave
         ul += by_u_value
@@ -187,7 +186,7 @@ def _pair(response, which, a, b, walk):
         rl -= slope_a * wave
         ru -= w * (slopes * wave) + turn_b * (slope_a * wave)
         rr += slopes * wave
-    return ll, lu, lr, ul, uu, ur, rl, ru, rr
+    return lu, lr, ul, uu, ur, rl, ru, rr
 
 
 @inlined(error_model="numpy", fastmath=FAST)
@@ -234,10 +233,10 @@ def _values(response, which, a, b):
 
 
 @part
-def evaluate(model, group, place, lines, slopes, work, which):
-    """Fill set ``which`` of ``work`` for lines at ``place`` [K, 2]; of the Gram matrix the lower triangle, and only what
-    lines have with each other where no ``slopes`` are asked for."""
-    response, gram, right, wide = work.response, work.gram, work.right, 1 + group.coordinates
+def evaluate(model, group, place, lines, work, which):
+    """Fill set ``which`` of ``work`` for lines at ``place`` [K, 2], but for the products of derivatives: more than half
+    of the steps that are tried lead nowhere, and none is asked for. Of the Gram matrix the lower triangle."""
+    response, right, wide = work.response, work.right, 1 + group.coordinates
     for k in range(lines):
         a = k * wide
         _fill_waves(model, group.bend, place[k, 0], k, response, which)
@@ -247,18 +246,25 @@ def evaluate(model, group, place, lines, slopes, work, which):
         if wide == 3:
             right[which, a + 2] = by_range
         for j in range(k + 1):
+            work.gram[which, a, j * wide] = _values(response, which, k, j)
+
+
+@part
+def differentiate(model, wide, lines, work, which):
+    """Fill the products of derivatives of a set that :func:`evaluate` filled."""
+    response, gram = work.response, work.gram
+    for k in range(lines):
+        a = k * wide
+        for j in range(k + 1):
             b = j * wide
-            if not slopes:
-                gram[which, a, b] = _values(response, which, k, j)
-            elif wide == 2:
-                ll, lu, ul, uu = _wave_pair(response, which, k, j)
-                gram[which, a, b], gram[which, a, b + 1] = ll, lu
-                gram[which, a + 1, b], gram[which, a + 1, b + 1] = ul, uu
-            else:
-                ll, lu, lr, ul, uu, ur, rl, ru, rr = _pair(response, which, k, j, model.walk)
-                gram[which, a, b], gram[which, a, b + 1], gram[which, a, b + 2] = ll, lu, lr
-                gram[which, a + 1, b], gram[which, a + 1, b + 1], gram[which, a + 1, b + 2] = ul, uu, ur
-                gram[which, a + 2, b], gram[which, a + 2, b + 1], gram[which, a + 2, b + 2] = rl, ru, rr
+            if wide == 2:
+                lu, ul, uu = _wave_pair(response, which, k, j)
+                gram[which, a, b + 1], gram[which, a + 1, b], gram[which, a + 1, b + 1] = lu, ul, uu
+                continue
+            lu, lr, ul, uu, ur, rl, ru, rr = _pair(response, which, k, j, model.walk)
+            gram[which, a, b + 1], gram[which, a, b + 2] = lu, lr
+            gram[which, a + 1, b], gram[which, a + 1, b + 1], gram[which, a + 1, b + 2] = ul, uu, ur
+            gram[which, a + 2, b], gram[which, a + 2, b + 1], gram[which, a + 2, b + 2] = rl, ru, rr
 
 
 @part
@@ -369,7 +375,7 @@ def information(work, which, wide, lines):
 @part
 def energy_left(model, group, place, lines, work):
     """Energy that lines at ``place`` leave with bounded amplitudes; set 0 of ``work`` is theirs."""
-    evaluate(model, group, place, lines, False, work, ZERO)
+    evaluate(model, group, place, lines, work, ZERO)
     return max(group.energy - bounded(work, ZERO, 1 + group.coordinates, lines, lines), 0.0)
 
 
@@ -377,7 +383,8 @@ def energy_left(model, group, place, lines, work):
 def describe(model, group, place, lines, work, amplitude, deviation):
     """Bounded amplitudes [K] and Cramer-Rao deviations [K, 2] of the lines."""
     wide = 1 + group.coordinates
-    evaluate(model, group, place, lines, True, work, ZERO)
+    evaluate(model, group, place, lines, work, ZERO)
+    differentiate(model, wide, lines, work, ZERO)
     least_squares(work, ZERO, wide, lines)
     size = information(work, ZERO, wide, lines)
     scale, matrix, column = np.empty(size), np.empty((size, size)), np.empty(size)

@@ -17,6 +17,7 @@ from trainer.estimators.group_model import (
     VALUE,
     ZERO,
     bounded,
+    differentiate,
     evaluate,
     information,
     least_squares,
@@ -53,7 +54,7 @@ def refine(model, group, place, lines, steps, work):
     if lines == 0:
         return group.energy
     wide, now = 1 + group.coordinates, ZERO
-    evaluate(model, group, place, lines, True, work, now)
+    evaluate(model, group, place, lines, work, now)
     begun = explained = least_squares(work, now, wide, lines)
     best, trial = np.empty((lines, 2)), np.empty((lines, 2))
     copy(place, lines, best)
@@ -61,8 +62,9 @@ def refine(model, group, place, lines, steps, work):
     step = np.empty(lines * (wide - 1))
     damped = np.empty((lines * (wide - 1), lines * (wide - 1)))
     fresh = True
-    for past in range(steps):
+    for _ in range(steps):
         if fresh:
+            differentiate(model, wide, lines, work, now)
             size = information(work, now, wide, lines)
         largest = 0.0
         for a in range(size):
@@ -87,8 +89,7 @@ def refine(model, group, place, lines, steps, work):
             trial[line, coordinate] += step[a]
             if coordinate > 0:
                 trial[line, coordinate] = min(max(trial[line, coordinate], -FARTHEST), FARTHEST)
-        last = past == steps - 1 or moved < SETTLED or expected < ENOUGH * group.noise
-        evaluate(model, group, trial, lines, not last, work, 1 - now)
+        evaluate(model, group, trial, lines, work, 1 - now)
         found = least_squares(work, 1 - now, wide, lines)
         fresh = found > explained
         if fresh:
@@ -97,12 +98,12 @@ def refine(model, group, place, lines, steps, work):
             damping = max(damping / DAMPING_FACTOR, LEAST_DAMPING)
         else:
             damping = min(damping * DAMPING_FACTOR, MOST_DAMPING)
-        if last:
+        if moved < SETTLED or expected < ENOUGH * group.noise:
             break
     after = bounded(work, now, wide, lines, lines)
     if after < begun:
         # Bounded amplitudes explain no more than all: only now may the lines have been better where they began.
-        evaluate(model, group, place, lines, False, work, 1 - now)
+        evaluate(model, group, place, lines, work, 1 - now)
         before = bounded(work, 1 - now, wide, lines, lines)
         if after < before:
             return max(group.energy - before, 0.0)
@@ -179,7 +180,7 @@ def scan(model, group, lines, range_offset, work):
 def best_start(model, group, place, lines, work):
     """(angle, range offset, energy) of the best further line; ``work`` holds a scan."""
     if lines:
-        evaluate(model, group, place, lines, False, work, ZERO)
+        evaluate(model, group, place, lines, work, ZERO)
         least_squares(work, ZERO, 1 + group.coordinates, lines)
     angle, offset, most = 0.0, 0.0, -1.0
     farthest = 0 if model.cells == 1 else 1

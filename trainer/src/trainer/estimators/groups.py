@@ -230,7 +230,7 @@ def _replace_by_pair(model, group, place, lines, left, line, work):
     if kept:
         put(trial, ZERO, place[line, 0], place[line, 1])
         offset = place[0 if line else 1, 1]
-        evaluate(model, group, trial, kept, False, work, ZERO)
+        evaluate(model, group, trial, kept, work, ZERO)
         least_squares(work, ZERO, 1 + group.coordinates, kept)
     scan(model, group, kept, offset, work)
     count = min(KEPT_ANGLES, len(model.axis))
@@ -249,12 +249,13 @@ def _replace_by_pair(model, group, place, lines, left, line, work):
     pairs = count * (count - 1) // 2
     energy, first, second = np.empty(pairs), np.empty(pairs, dtype=np.int64), np.empty(pairs, dtype=np.int64)
     norm, inside, matched = np.ones(count), np.zeros(count, dtype=np.complex128), np.empty(count, dtype=np.complex128)
-    occupied = np.zeros(count, dtype=np.bool_)
+    power, occupied = np.empty(count), np.zeros(count, dtype=np.bool_)
     for i in range(count):
         if kept:
             inside[i] = complex(work.inside[0, 0, angles[i]], work.inside[0, 1, angles[i]])
             norm[i] = np.sqrt(max(1.0 - inside[i].real ** 2 - inside[i].imag ** 2, LEAST_APART))
         matched[i] = complex(work.matched[0, angles[i]], work.matched[1, angles[i]]) / norm[i]
+        power[i] = matched[i].real ** 2 + matched[i].imag ** 2
         # Where a line fewer would do, the best pair may stand near the lines.
         if lines == 2:
             for k in range(2):
@@ -269,8 +270,7 @@ def _replace_by_pair(model, group, place, lines, left, line, work):
                 apart = 1.0 - overlap.real**2 - overlap.imag**2
                 if apart > LEAST_APART:
                     cross = np.conj(matched[i]) * matched[j]
-                    power = np.abs(matched[i]) ** 2 + np.abs(matched[j]) ** 2
-                    joint = power - 2.0 * (cross.real * overlap.real - cross.imag * overlap.imag)
+                    joint = power[i] + power[j] - 2.0 * (cross.real * overlap.real - cross.imag * overlap.imag)
                     energy[pair] = joint / apart
             pair += 1
     have = group.energy
