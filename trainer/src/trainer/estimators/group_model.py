@@ -113,12 +113,10 @@ def _fill_waves(model, bend, u, line, response, which):
         turns = (model.phase[c] + bent) * u * (0.5 / np.pi)
         angle = (turns - np.floor(turns + 0.5)) * (0.5 * np.pi)
         y = -angle * angle
-        sine = 1.0 + y / 156.0 * (1.0 + y / 210.0)
-        sine = 1.0 + y / 20.0 * (1.0 + y / 42.0 * (1.0 + y / 72.0 * (1.0 + y / 110.0 * sine)))
-        sine = angle * (1.0 + y / 6.0 * sine)
-        cosine = 1.0 + y / 132.0 * (1.0 + y / 182.0 * (1.0 + y / 240.0))
-        cosine = 1.0 + y / 12.0 * (1.0 + y / 30.0 * (1.0 + y / 56.0 * (1.0 + y / 90.0 * cosine)))
-        cosine = 1.0 + y / 2.0 * cosine
+        sine = 1.0 + y * (1 / 72) * (1.0 + y * (1 / 110) * (1.0 + y * (1 / 156) * (1.0 + y * (1 / 210))))
+        sine = angle * (1.0 + y * (1 / 6) * (1.0 + y * (1 / 20) * (1.0 + y * (1 / 42) * sine)))
+        cosine = 1.0 + y * (1 / 90) * (1.0 + y * (1 / 132) * (1.0 + y * (1 / 182) * (1.0 + y * (1 / 240))))
+        cosine = 1.0 + y * (1 / 2) * (1.0 + y * (1 / 12) * (1.0 + y * (1 / 30) * (1.0 + y * (1 / 56) * cosine)))
         cosine, sine = 1.0 - 2.0 * sine * sine, 2.0 * sine * cosine
         response[which, line, COSINE, c] = 1.0 - 2.0 * sine * sine
         response[which, line, SINE, c] = -2.0 * sine * cosine
@@ -127,19 +125,20 @@ def _fill_waves(model, bend, u, line, response, which):
 
 @inlined(error_model="numpy", fastmath={"contract"})
 def table_place(x):
-    """(cubic, place in it) of ``Model.window`` for an echo x bins above the centre."""
-    place = (min(max(x, -TABLE_BINS), TABLE_BINS) + TABLE_BINS) * POINTS_A_BIN
-    below = int(place)
-    return below, place - below
+    """Place of an echo x bins above the centre in ``Model.window``, in cubics."""
+    return (min(max(x, -TABLE_BINS), TABLE_BINS) + TABLE_BINS) * POINTS_A_BIN
 
 
 @inlined(error_model="numpy", fastmath={"contract"})
 def _fill_windows(model, u, offset, line, response, which):
-    """W and W' of each cell."""
+    """W and W' of each cell. An echo above the centre stands in a cell as the cell below it does: h is even."""
     window = model.window
     for c in range(len(model.walk)):
-        # An echo above the centre stands in a cell as the cell below it does: h is even.
-        i, t = table_place(offset - model.walk[c] * u)
+        response[which, line, VALUE, c] = table_place(offset - model.walk[c] * u)
+    for c in range(len(model.walk)):
+        place = response[which, line, VALUE, c]
+        i = int(place)
+        t = place - i
         for m in range(MOST_CELLS):
             linear, square, cube = window[i, 1, m], window[i, 2, m], window[i, 3, m]
             response[which, line, VALUE + m, c] = window[i, 0, m] + t * (linear + t * (square + t * cube))

@@ -135,10 +135,11 @@ def scan(model, group, lines, range_offset, work):
     """
     channels, response = len(model.phase), work.response
     inside, score, matched = work.inside, work.score, work.matched
-    row, t = table_place(range_offset)
+    table, at = model.window, table_place(range_offset)
+    row = int(at)
+    t = at - row
     weight, norm = np.empty(MOST_CELLS), 0.0
     for m in range(MOST_CELLS):
-        table = model.window
         weight[m] = table[row, 0, m] + t * (table[row, 1, m] + t * (table[row, 2, m] + t * table[row, 3, m]))
         norm += weight[m] ** 2
     norm = np.sqrt(norm * channels)
