@@ -16,7 +16,7 @@ from scipy.special import gammaincinv
 from shared.physics.errors import InputError
 from shared.signal.model_error import model_error_ratio, with_model_error
 from trainer.estimators.array import LARGEST_RELATIVE_NOISE, LineArray, check_snapshots, row_powers, uniform_axis
-from trainer.estimators.group_model import MOST_CELLS, POINTS_A_BIN, TABLE_BINS, Model
+from trainer.estimators.group_products import MOST_CELLS, POINTS_A_BIN, TABLE_BINS, Model
 from trainer.estimators.groups import fit_all
 
 MODEL_ERROR_DB = -30.0
@@ -77,9 +77,8 @@ def fit_lines(
         raise InputError("false_alarm", repr(false_alarm), "a probability between 0 and 1")
     cells = np.asarray(snapshots, dtype=np.complex128)[:, None]
     price = line_threshold(array, false_alarm)
-    bins = np.zeros(1, dtype=np.int64)
+    bins, noise = np.zeros(1, dtype=np.int64), _Noise(thermal, model_error)
     model = _model(array, bins, price, price, np.zeros(array.channels))
-    noise = _Noise(thermal, model_error)
     found = _fitted(cells, bins, array, model, noise, candidates, np.zeros(len(cells)))
     return FittedLines(found.u, found.amplitude, found.u_std)
 
@@ -227,13 +226,13 @@ def whitening(bins: NDArray[np.integer]) -> NDArray[np.float64]:
     return np.linalg.inv(np.linalg.cholesky(hann_correlation(bins[:, None] - bins)))
 
 
-def _response_table(bins: NDArray[np.int64]) -> NDArray[np.float64]:
-    """The whitened responses of cells at these bins as :class:`trainer.estimators.group_model.Model` has them."""
+def _response_table(bins: NDArray[np.integer]) -> NDArray[np.float64]:
+    """The whitened responses of cells at these bins as :class:`trainer.estimators.group_products.Model` has them."""
     x = np.arange(-TABLE_BINS * POINTS_A_BIN, TABLE_BINS * POINTS_A_BIN + 2) / POINTS_A_BIN
     value, rise = hann_response(x - bins[:, None]), hann_slope(x - bins[:, None]) / POINTS_A_BIN
     step = np.diff(value)
-    cubic = np.stack([value[:, :-1], rise[:, :-1], 3.0 * step - 2.0 * rise[:, :-1] - rise[:, 1:],
-                      rise[:, :-1] + rise[:, 1:] - 2.0 * step])  # fmt: skip
+    low, high = rise[:, :-1], rise[:, 1:]
+    cubic = np.stack([value[:, :-1], low, 3.0 * step - 2.0 * low - high, low + high - 2.0 * step])
     cubic *= np.abs(x[:-1] + 0.5 / POINTS_A_BIN - bins[:, None]) < RESPONSE_BINS
     table = np.zeros((len(x) - 1, 4, MOST_CELLS))
     table[..., : len(bins)] = np.einsum("mn,pnx->xpm", whitening(bins), cubic)
@@ -241,7 +240,7 @@ def _response_table(bins: NDArray[np.int64]) -> NDArray[np.float64]:
 
 
 def _model(
-    array: LineArray, bins: NDArray[np.int64], first: float, further: float, walk: NDArray[np.float64]
+    array: LineArray, bins: NDArray[np.integer], first: float, further: float, walk: NDArray[np.float64]
 ) -> Model:
     """What the compiled fit is told of an array; thresholds in units of the noise."""
     most = max(min(MOST_LINES, array.channels // 2), 1)

@@ -8,19 +8,16 @@ from __future__ import annotations
 import numpy as np
 
 from shared.physics.compiled import inlined
-from trainer.estimators.group_model import (
+from trainer.estimators.group_model import RIDGE, bounded, information, least_squares
+from trainer.estimators.group_products import (
     COSINE,
     FARTHEST,
     MOST_CELLS,
-    RIDGE,
     SINE,
     VALUE,
     ZERO,
-    bounded,
     differentiate,
     evaluate,
-    information,
-    least_squares,
     table_place,
 )
 from trainer.estimators.small_matrices import part, solve

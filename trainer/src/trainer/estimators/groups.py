@@ -38,19 +38,8 @@ import numpy as np
 from numba import prange
 
 from shared.physics.compiled import compiled
-from trainer.estimators.group_model import (
-    ONE,
-    ROWS,
-    VALUE,
-    ZERO,
-    Group,
-    Work,
-    bounded,
-    describe,
-    energy_left,
-    evaluate,
-    least_squares,
-)
+from trainer.estimators.group_model import bounded, describe, energy_left, least_squares
+from trainer.estimators.group_products import ONE, ZERO, Group, empty_work, evaluate
 from trainer.estimators.group_steps import best_start, copy, put, refine, scan
 from trainer.estimators.small_matrices import part
 
@@ -356,28 +345,21 @@ def _fit(model, group, given, place, work):
 def fit_all(model, x, scale, given, place, amplitude, deviation):
     """Fit G groups of equal cells.
 
-    :param x: [G, 2, MOST_CELLS, C] see :class:`.group_model.Group`
+    :param x: [G, 2, MOST_CELLS, C] see :class:`.group_products.Group`
     :param scale: [G, 2] noise power of one element in the scale of x, 1 / R [1/m]
     :param given: [G, n] angles to begin with, NaN for none
     :param place: [G, most, 2] filled with u and range offsets [bins], NaN where there is no line
     :param amplitude: [G, most], filled; :param deviation: [G, most, 2] of the places, filled
     """
     coordinates = ONE if model.cells == 1 else ONE + ONE
-    columns, most, angles = model.most * (1 + coordinates), model.most, len(model.axis)
+    most = model.most
     for index in prange(len(x)):
         energy = 0.0
         for m in range(x.shape[2]):
             for c in range(x.shape[3]):
                 energy += x[index, 0, m, c] ** 2 + x[index, 1, m, c] ** 2
         group = Group(x[index], coordinates, scale[index, 0], energy, scale[index, 1])
-        work = Work(
-            np.zeros((2, most, ROWS, x.shape[3])),
-            np.empty((2, columns, columns), dtype=np.complex128), np.empty((2, columns), dtype=np.complex128),
-            np.empty(most, dtype=np.complex128), np.empty((most, most), dtype=np.complex128),
-            np.empty((2, most, columns)), np.empty((columns, columns)), np.empty(columns),
-            np.empty(angles), np.empty((2, angles)), np.empty((most, 2, angles)),
-        )  # fmt: skip
-        work.response[:, :, VALUE] = 1.0  # of a single cell; else filled for each place
+        work = empty_work(most, coordinates, x.shape[3], len(model.axis))
         found = np.zeros((most, 2))
         lines = _fit(model, group, given[index], found, work)
         if lines:
