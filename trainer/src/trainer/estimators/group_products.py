@@ -22,12 +22,13 @@ FARTHEST = 2.5
 MOST_CELLS = 3
 """Of a group. Lines respond with nothing in those that it lacks: a loop of constant length costs less."""
 POINTS_A_BIN, TABLE_BINS = 64, 6
-"""Cubics of the table of a window's response: within 1e-8 of the peak; and how far from a group's centre it reaches.
-Beyond RESPONSE_BINS of every cell it holds zeros."""
+"""Cubics of the table of a window's response: within 1e-8 of the peak; and how far from a group's centre it reaches,
+the last bin with zeros alone: see :data:`trainer.estimators.fitting.RESPONSE_BINS`."""
 COSINE, SINE, TURN, VALUE, SLOPE = 0, 1, 2, 3, 3 + MOST_CELLS
 """Rows of a line's response: real and imaginary part of e(c), the phase's slope, W and W' of each cell."""
 ROWS = 3 + 2 * MOST_CELLS
 FAST = {"reassoc", "contract", "nsz", "nnan", "ninf"}
+"""Of sums over channels. The last two spare the products with the zero part of a real or imaginary factor."""
 ZERO, ONE = np.int64(0), np.int64(1)
 """Of one type wherever they are passed on: see :data:`.small_matrices.part`."""
 
@@ -132,8 +133,8 @@ def _fill_waves(model, bend, u, line, response, which):
 
 @inlined(error_model="numpy", fastmath={"contract"})
 def table_place(x):
-    """Place of an echo x bins above the centre in ``Model.window``, in cubics."""
-    return (min(max(x, -TABLE_BINS), TABLE_BINS) + TABLE_BINS) * POINTS_A_BIN
+    """Place of an echo x bins above the centre in ``Model.window``, in cubics; in it even for a NaN, by the order."""
+    return (max(-TABLE_BINS, min(TABLE_BINS, x)) + TABLE_BINS) * POINTS_A_BIN
 
 
 @inlined(error_model="numpy", fastmath={"contract"})
