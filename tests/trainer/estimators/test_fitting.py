@@ -10,11 +10,10 @@ from paper_arrays import ARRAYS, IRREGULAR, U, deterministic_bound, echoes, nois
 from plain_lines import PlainFit
 
 from shared.physics.errors import InputError
-from trainer.estimators import fitting
+from trainer.estimators import fitting, group_products
 from trainer.estimators.array import LineArray, uniform_axis
 from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.fitting import FittedLines, fit_lines, line_threshold, score_peaks
-from trainer.estimators.group_model import Group, columns_of
 from trainer.estimators.lines import bounded_energy_left, line_energy_left
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.moves import NEAR_CELLS, additions, best_refit, pairs_elsewhere, refit
@@ -330,22 +329,32 @@ def test_bad_arguments_are_refused(arguments: tuple, text: str) -> None:
         fit_lines(empty, ARRAYS["sparse4"], 1.0, np.zeros((1, 1)), false_alarm=0.0)
 
 
-def test_responses_in_three_bins_are_the_windows_and_their_derivatives_those_of_differences() -> None:
-    array, bins, step = ARRAYS["sparse6"], np.array([-1, 0, 1]), 1e-6
+@pytest.mark.parametrize("bins", [[-1, 0, 1], [0, 1], [0]])
+def test_products_are_those_of_the_windows_and_their_derivatives_those_of_differences(bins: list[int]) -> None:
+    array, step = ARRAYS["sparse6"], 1e-5
+    at, channels, free = np.array(bins), array.channels, min(len(bins), 2)
     walk = 0.5 * array.positions_m / 0.05
-    white = np.linalg.inv(np.linalg.cholesky(fitting.hann_correlation(bins[:, None] - bins)))
-    model, bend = fitting._model(array, 10.0, 10.0, walk), 1.0 / 3.0
-    group = Group(np.zeros((2, 3 * array.channels)), bins, white, 2, 1.0, 1.0, bend)
+    model, bend = fitting._model(array, at, 10.0, 10.0, walk), 1.0 / 3.0
+    x = np.zeros((2, group_products.MOST_CELLS, channels))
+    x[:, : len(bins)] = np.random.default_rng(3).standard_normal((2, len(bins), channels))
+    group = group_products.Group(x, free, 1.0, 1.0, bend)
 
     def response(u: float, offset: float) -> NDArray[np.complex128]:
-        window = fitting.hann_response(bins[:, None] - offset + walk * u)
-        return ((white @ window) * np.exp(-1j * (model.phase * u + model.curve * bend * u**2))).ravel()
+        window = fitting.whitening(at) @ fitting.hann_response(at[:, None] - offset + walk * u)
+        wave = np.exp(-1j * (model.phase * u + model.curve * bend * u**2))
+        return (np.where(len(bins) > 1, window, 1.0) * wave).ravel()
 
-    places = np.array([[0.3, -0.4], [-0.62, 0.7]])
-    re, im = np.empty((2, 6, 3 * array.channels))
-    columns_of(model, group, places, 2, re, im)
-    for row, (u, offset) in zip((re + 1j * im).reshape(2, 3, -1), places, strict=True):
-        np.testing.assert_allclose(row[0], response(u, offset), atol=1e-7)
+    places, columns = np.array([[0.3, -0.4], [-0.62, 0.7]]), []
+    for u, offset in places:
         by_u = (response(u + step, offset) - response(u - step, offset)) / (2.0 * step)
         by_range = (response(u, offset + step) - response(u, offset - step)) / (2.0 * step)
-        np.testing.assert_allclose(row[1:], [by_u, by_range], atol=1e-4 * np.abs(by_u).max())
+        columns += [response(u, offset), by_u, by_range][: 1 + free]
+    work = group_products.empty_work(2, free, channels, len(model.axis))
+    group_products.evaluate(model, group, places, 2, work, 1)
+    group_products.differentiate(model, 1 + free, 2, work, 1)
+    expected, size = np.conj(columns) @ np.transpose(columns), np.linalg.norm(columns, axis=1)
+    blocks = np.kron(np.tril(np.ones((2, 2))), np.ones((1 + free, 1 + free))) > 0.0
+    off = (work.gram[1] - expected) / (size[:, None] * size)
+    np.testing.assert_allclose(off[blocks], 0.0, atol=1e-6)
+    data = (x[0] + 1j * x[1])[: len(bins)].ravel()
+    np.testing.assert_allclose(work.right[1] / size, np.conj(columns) @ data / size, atol=1e-5)

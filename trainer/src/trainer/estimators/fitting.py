@@ -16,7 +16,7 @@ from scipy.special import gammaincinv
 from shared.physics.errors import InputError
 from shared.signal.model_error import model_error_ratio, with_model_error
 from trainer.estimators.array import LARGEST_RELATIVE_NOISE, LineArray, check_snapshots, row_powers, uniform_axis
-from trainer.estimators.group_model import POINTS_A_BIN, Model
+from trainer.estimators.group_products import MOST_CELLS, POINTS_A_BIN, TABLE_BINS, Model
 from trainer.estimators.groups import fit_all
 
 MODEL_ERROR_DB = -30.0
@@ -26,8 +26,8 @@ FALSE_ALARM = 1e-3
 """Probability that a row of noise alone gets a line: at most one in a frame of 630 rows."""
 RESIDUAL_TAIL = 0.02
 """Probability that noise alone leaves so much energy that further lines are tried."""
-MOST_CELLS, RESPONSE_BINS = 3, 4
-"""Of a group; and how far a window's response is told [bins]: beyond, a Hann window's is below -48 dB."""
+RESPONSE_BINS = 4
+"""How far a window's response is told: beyond, a Hann window's is below -48 dB."""
 MOST_LINES = 12
 """In a range bin, and at most half the channels."""
 SEARCH_POINTS = 4
@@ -77,9 +77,9 @@ def fit_lines(
         raise InputError("false_alarm", repr(false_alarm), "a probability between 0 and 1")
     cells = np.asarray(snapshots, dtype=np.complex128)[:, None]
     price = line_threshold(array, false_alarm)
-    model = _model(array, price, price, np.zeros(array.channels))
-    noise = _Noise(thermal, model_error)
-    found = _fitted(cells, np.zeros(1, dtype=np.int64), array, model, noise, candidates, np.zeros(len(cells)))
+    bins, noise = np.zeros(1, dtype=np.int64), _Noise(thermal, model_error)
+    model = _model(array, bins, price, price, np.zeros(array.channels))
+    found = _fitted(cells, bins, array, model, noise, candidates, np.zeros(len(cells)))
     return FittedLines(found.u, found.amplitude, found.u_std)
 
 
@@ -140,7 +140,7 @@ def fit_groups(
     :param candidates: as of :func:`fit_lines`
     """
     thresholds = line_threshold(array, test.first), line_threshold(array, test.further)
-    model = _model(array, *thresholds, place.walk(array))
+    model = _model(array, bins, *thresholds, place.walk(array))
     thermal = row_powers(test.noise_power, len(cells))
     noise = _Noise(thermal, max(model_error_ratio(test.model_error_db), ROUNDING))
     return _fitted(np.asarray(cells, np.complex128), np.asarray(bins, np.int64), array, model, noise, candidates,
@@ -166,10 +166,11 @@ def _fitted(
 ) -> FittedGroups:
     groups = len(cells)
     white = whitening(bins)
-    whitened = np.einsum("mn,bnc->bmc", white * alternating(bins), cells).reshape(groups, len(bins) * array.channels)
-    scale = np.abs(whitened).max(axis=1, initial=0.0)
+    whitened = np.einsum("mn,bnc->bmc", white * alternating(bins), cells)
+    scale = np.abs(whitened).max(axis=(1, 2), initial=0.0)
     present = np.flatnonzero(scale > 0.0)
-    x = whitened[present] / scale[present, None]
+    x = np.zeros((len(present), MOST_CELLS, array.channels), dtype=np.complex128)
+    x[:, : len(bins)] = whitened[present] / scale[present, None, None]
     # The quotient comes before the square: the square of 1e-200 would be zero.
     relative = np.minimum(np.sqrt(received.thermal[present]) / scale[present], LARGEST_RELATIVE_NOISE) ** 2
     power = np.mean(np.abs(cells[present] / scale[present, None, None]) ** 2, axis=2).max(axis=1, initial=0.0)
@@ -179,7 +180,7 @@ def _fitted(
     given = np.ascontiguousarray(candidates, dtype=np.float64)[present]
     parts = np.ascontiguousarray(np.stack([x.real, x.imag], axis=1))
     scales = np.stack([noise, bend[present]], axis=1)
-    fit_all(model, parts, bins, np.ascontiguousarray(white), scales, given, place, amplitude, deviation)
+    fit_all(model, parts, scales, given, place, amplitude, deviation)
     order = np.argsort(-np.abs(amplitude), axis=1, kind="stable")
     u, half = place[..., 0], array.half_period
     place[..., 0] = (u + half) % (2.0 * half) - half if half < 1.0 else np.clip(u, -1.0, 1.0)
@@ -225,25 +226,34 @@ def whitening(bins: NDArray[np.integer]) -> NDArray[np.float64]:
     return np.linalg.inv(np.linalg.cholesky(hann_correlation(bins[:, None] - bins)))
 
 
-def _response_table() -> NDArray[np.float64]:
-    """The response and its derivative as :class:`trainer.estimators.group_model.Model` has them."""
-    x = np.arange(RESPONSE_BINS * POINTS_A_BIN + 2) / POINTS_A_BIN
-    return np.stack([hann_response(x), hann_slope(x)])
+def _response_table(bins: NDArray[np.integer]) -> NDArray[np.float64]:
+    """The whitened responses of cells at these bins as :class:`trainer.estimators.group_products.Model` has them."""
+    x = np.arange(-TABLE_BINS * POINTS_A_BIN, TABLE_BINS * POINTS_A_BIN + 2) / POINTS_A_BIN
+    value, rise = hann_response(x - bins[:, None]), hann_slope(x - bins[:, None]) / POINTS_A_BIN
+    step = np.diff(value)
+    low, high = rise[:, :-1], rise[:, 1:]
+    cubic = np.stack([value[:, :-1], low, 3.0 * step - 2.0 * low - high, low + high - 2.0 * step])
+    cubic *= np.abs(x[:-1] + 0.5 / POINTS_A_BIN - bins[:, None]) < RESPONSE_BINS
+    table = np.zeros((len(x) - 1, 4, MOST_CELLS))
+    table[..., : len(bins)] = np.einsum("mn,pnx->xpm", whitening(bins), cubic)
+    return table
 
 
-def _model(array: LineArray, first: float, further: float, walk: NDArray[np.float64]) -> Model:
+def _model(
+    array: LineArray, bins: NDArray[np.integer], first: float, further: float, walk: NDArray[np.float64]
+) -> Model:
     """What the compiled fit is told of an array; thresholds in units of the noise."""
     most = max(min(MOST_LINES, array.channels // 2), 1)
     axis = uniform_axis(array, SEARCH_POINTS)
-    steering = array.manifold(axis).T
-    cells, lines = np.arange(MOST_CELLS + 1)[:, None], np.arange(most + 1)
-    freedom = 2 * array.channels * cells - np.where(cells == 1, 3, 4) * lines
+    steering = array.manifold(axis)
+    freedom = 2 * array.channels * len(bins) - (3 if len(bins) == 1 else 4) * np.arange(most + 1)
     limit = np.where(freedom > 0, gammaincinv(0.5 * np.maximum(freedom, 1), 1.0 - RESIDUAL_TAIL), np.inf)
     return Model(
         phase=2.0 * np.pi / array.wavelength_m * array.positions_m,
         walk=walk,
         curve=array.bend_phase(np.ones(1))[0],
-        response=_response_table(),
+        window=_response_table(bins),
+        cells=len(bins),
         cell=array.resolution_cell,
         axis=axis,
         steering=np.ascontiguousarray([steering.real, steering.imag]),

@@ -7,18 +7,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from trainer.estimators.group_model import (
+from shared.physics.compiled import inlined
+from trainer.estimators.group_model import RIDGE, bounded, information, least_squares
+from trainer.estimators.group_products import (
+    COSINE,
     FARTHEST,
-    RIDGE,
+    MOST_CELLS,
+    SINE,
+    VALUE,
     ZERO,
-    bounded,
+    differentiate,
     evaluate,
-    every,
-    information,
-    least_squares,
-    window,
+    table_place,
 )
-from trainer.estimators.small_matrices import dot, forward, part, solve
+from trainer.estimators.small_matrices import part, solve
 
 LARGEST_STEP, SETTLED = 0.25, 1e-6
 """Of a resolution cell or a bin: farther than the one the linear step is no guide, below the other it changes
@@ -49,12 +51,9 @@ def refine(model, group, place, lines, steps, work):
     if lines == 0:
         return group.energy
     wide, now = 1 + group.coordinates, ZERO
-    everyone = every(lines)
     evaluate(model, group, place, lines, work, now)
-    before = bounded(work.gram[now], work.right[now], wide, everyone, lines, work.amplitude, work.factor)
-    explained = least_squares(work.gram[now], work.right[now], wide, lines, work.factor, work.amplitude)
+    begun = explained = least_squares(work, now, wide, lines)
     best, trial = np.empty((lines, 2)), np.empty((lines, 2))
-    keep = np.empty(lines, dtype=np.complex128)
     copy(place, lines, best)
     damping = FIRST_DAMPING
     step = np.empty(lines * (wide - 1))
@@ -62,13 +61,14 @@ def refine(model, group, place, lines, steps, work):
     fresh = True
     for _ in range(steps):
         if fresh:
-            size = information(work.gram[now], work.right[now], wide, lines, work)
+            differentiate(model, wide, lines, work, now)
+            size = information(work, now, wide, lines)
         largest = 0.0
         for a in range(size):
             largest = max(largest, work.curvature[a, a])
         for a in range(size):
             step[a] = work.slope[a]
-            for b in range(size):
+            for b in range(a, size):
                 damped[a, b] = work.curvature[a, b]
             # A line without amplitude has no curvature, and no step.
             damped[a, a] += damping * damped[a, a] + max(RIDGE * largest, 1e-300)
@@ -87,90 +87,103 @@ def refine(model, group, place, lines, steps, work):
             if coordinate > 0:
                 trial[line, coordinate] = min(max(trial[line, coordinate], -FARTHEST), FARTHEST)
         evaluate(model, group, trial, lines, work, 1 - now)
-        for k in range(lines):
-            keep[k] = work.amplitude[k]
-        found = least_squares(work.gram[1 - now], work.right[1 - now], wide, lines, work.factor, work.amplitude)
+        found = least_squares(work, 1 - now, wide, lines)
         fresh = found > explained
         if fresh:
             copy(trial, lines, best)
             explained, now = found, 1 - now
             damping = max(damping / DAMPING_FACTOR, LEAST_DAMPING)
         else:
-            for k in range(lines):
-                work.amplitude[k] = keep[k]
             damping = min(damping * DAMPING_FACTOR, MOST_DAMPING)
         if moved < SETTLED or expected < ENOUGH * group.noise:
             break
-    after = bounded(work.gram[now], work.right[now], wide, everyone, lines, work.amplitude, work.factor)
-    if after >= before:
-        copy(best, lines, place)
-        return max(group.energy - after, 0.0)
-    return max(group.energy - before, 0.0)
+    after = bounded(work, now, wide, lines, lines)
+    if after < begun:
+        # Bounded amplitudes explain no more than all: only now may the lines have been better where they began.
+        evaluate(model, group, place, lines, work, 1 - now)
+        before = bounded(work, 1 - now, wide, lines, lines)
+        if after < before:
+            return max(group.energy - before, 0.0)
+    copy(best, lines, place)
+    return max(group.energy - after, 0.0)
+
+
+@inlined(error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def _at_all_angles(steering, real, imaginary, sign, norm, out_real, out_imaginary):
+    """Fill both [A] with sum over channels of steering^(sign) times a value of each, over ``norm``; real and imaginary
+    part of steering^* for a sign of -1."""
+    for i in range(len(out_real)):
+        out_real[i] = out_imaginary[i] = 0.0
+    for c in range(len(real)):
+        re, im = real[c] / norm, imaginary[c] / norm
+        for i in range(len(out_real)):
+            out_real[i] += steering[0, c, i] * re - sign * steering[1, c, i] * im
+            out_imaginary[i] += steering[0, c, i] * im + sign * steering[1, c, i] * re
 
 
 @part
-def scan(model, group, place, lines, range_offset, work):
+def scan(model, group, lines, range_offset, work):
     """What a further line at each search angle meets beside the lines, at one range offset.
 
-    Fills ``work.score`` [A] with the energy that it takes, |b^H P x|^2 / b^H P b, ``work.matched`` [A] with b^H P x /
-    |b| and ``work.inside`` [K, A] with Q^H b / |b|, Q an orthonormal basis of the lines. An angle in their span scores
-    0. The walk of the echo through the bins is left out: it takes a few hundredths of the energy.
+    The lines are those of set 0, with amplitudes and factor of least squares. Fills ``work.score`` [A] with the energy
+    that it takes, |b^H P x|^2 / b^H P b, ``work.matched`` [2, A] with b^H P x / |b| and ``work.inside`` [K, 2, A] with
+    Q^H b / |b|, Q an orthonormal basis of the lines. An angle in their span scores 0. The walk of the echo through the
+    bins is left out: it takes a few hundredths of the energy.
     """
-    channels, cells = len(model.phase), len(group.white)
-    wide = 1 + group.coordinates
-    weight = np.empty(cells)
-    norm = 0.0
-    for m in range(cells):
-        weight[m] = 0.0
-        for other in range(m + 1):
-            value = window(model.response, group.offset[other] - range_offset)[0]
-            weight[m] += group.white[m, other] * (value if cells > 1 else 1.0)
+    channels, response = len(model.phase), work.response
+    inside, score, matched = work.inside, work.score, work.matched
+    table, at = model.window, table_place(range_offset)
+    row = int(at)
+    t = at - row
+    weight, norm = np.empty(MOST_CELLS), 0.0
+    for m in range(MOST_CELLS):
+        weight[m] = table[row, 0, m] + t * (table[row, 1, m] + t * (table[row, 2, m] + t * table[row, 3, m]))
         norm += weight[m] ** 2
     norm = np.sqrt(norm * channels)
-    reduced = np.zeros((2, lines + 1, channels))
-    factor, amplitude = work.factor, work.amplitude
-    if lines:
-        evaluate(model, group, place, lines, work, ZERO)
-        least_squares(work.gram[0], work.right[0], wide, lines, factor, amplitude)
-    for m in range(cells):
+    left, own = np.zeros((2, channels)), np.empty((2, channels))
+    for m in range(MOST_CELLS):
         for c in range(channels):
-            n = m * channels + c
-            real, imaginary = group.x[0, n], group.x[1, n]
-            for k in range(lines):
-                a, b = work.re[0, k * wide, n], work.im[0, k * wide, n]
-                real -= a * amplitude[k].real - b * amplitude[k].imag
-                imaginary -= a * amplitude[k].imag + b * amplitude[k].real
-                reduced[0, k, c] += weight[m] * a
-                reduced[1, k, c] += weight[m] * b
-            reduced[0, lines, c] += weight[m] * real
-            reduced[1, lines, c] += weight[m] * imaginary
-    span = np.empty(lines, dtype=np.complex128)
-    for i in range(len(model.axis)):
-        real, imaginary = dot(model.steering[0, i], model.steering[1, i], reduced[0, lines], reduced[1, lines])
-        work.matched[i] = complex(real, imaginary) / norm
-        outside = 1.0
-        for k in range(lines):
-            # A^H b; L^-1 of it is Q^H b.
-            real, imaginary = dot(reduced[0, k], reduced[1, k], model.steering[0, i], model.steering[1, i])
-            span[k] = complex(real, imaginary) / norm
-        forward(factor, lines, span)
-        for k in range(lines):
-            work.inside[k, i] = span[k]
-            outside -= span[k].real ** 2 + span[k].imag ** 2
-        energy = work.matched[i].real ** 2 + work.matched[i].imag ** 2
-        work.score[i] = energy / outside if outside > CLOSEST else 0.0
+            left[0, c] += weight[m] * group.x[0, m, c]
+            left[1, c] += weight[m] * group.x[1, m, c]
+    for k in range(lines):
+        amplitude = work.amplitude[k]
+        for c in range(channels):
+            value = 0.0
+            for m in range(MOST_CELLS):
+                value += weight[m] * response[0, k, VALUE + m, c]
+            own[0, c], own[1, c] = value * response[0, k, COSINE, c], -value * response[0, k, SINE, c]
+            left[0, c] -= own[0, c] * amplitude.real + own[1, c] * amplitude.imag
+            left[1, c] -= own[0, c] * amplitude.imag - own[1, c] * amplitude.real
+        # A^H b; L^-1 of it is Q^H b.
+        _at_all_angles(model.steering, own[0], own[1], 1.0, norm, inside[k, 0], inside[k, 1])
+    _at_all_angles(model.steering, left[0], left[1], -1.0, norm, matched[0], matched[1])
+    outside = np.ones(len(score))
+    for k in range(lines):
+        for j in range(k):
+            re, im = work.factor[k, j].real, work.factor[k, j].imag
+            for i in range(len(score)):
+                inside[k, 0, i] -= re * inside[j, 0, i] - im * inside[j, 1, i]
+                inside[k, 1, i] -= re * inside[j, 1, i] + im * inside[j, 0, i]
+        inverse = work.factor[k, k].real
+        for i in range(len(score)):
+            inside[k, 0, i] *= inverse
+            inside[k, 1, i] *= inverse
+            outside[i] -= inside[k, 0, i] ** 2 + inside[k, 1, i] ** 2
+    for i in range(len(score)):
+        energy = matched[0, i] ** 2 + matched[1, i] ** 2
+        score[i] = energy / outside[i] if outside[i] > CLOSEST else 0.0
 
 
 @part
 def best_start(model, group, place, lines, work):
-    """(angle, range offset, energy) of the best further line; ``work`` holds the scan at that offset."""
-    if len(group.white) == 1:
-        scan(model, group, place, lines, 0.0, work)
-        best = np.argmax(work.score)
-        return model.axis[best], 0.0, work.score[best]
+    """(angle, range offset, energy) of the best further line; ``work`` holds a scan."""
+    if lines:
+        evaluate(model, group, place, lines, work, ZERO)
+        least_squares(work, ZERO, 1 + group.coordinates, lines)
     angle, offset, most = 0.0, 0.0, -1.0
-    for step in range(-1, 2):
-        scan(model, group, place, lines, float(step), work)
+    farthest = 0 if model.cells == 1 else 1
+    for step in range(-farthest, farthest + 1):
+        scan(model, group, lines, float(step), work)
         best = np.argmax(work.score)
         if work.score[best] > most:
             angle, offset, most = model.axis[best], float(step), work.score[best]

@@ -38,7 +38,8 @@ import numpy as np
 from numba import prange
 
 from shared.physics.compiled import compiled
-from trainer.estimators.group_model import ONE, ZERO, Group, Work, bounded, describe, energy_left
+from trainer.estimators.group_model import bounded, describe, energy_left, least_squares
+from trainer.estimators.group_products import ONE, ZERO, Group, empty_work, evaluate
 from trainer.estimators.group_steps import best_start, copy, put, refine, scan
 from trainer.estimators.small_matrices import part
 
@@ -101,14 +102,8 @@ def _without(place, lines, line, out):
 def _cheapest(model, group, place, lines, work, costs):
     """Fill ``costs`` [K] with the energy that each line's removal adds at these places; energy left with all."""
     left = energy_left(model, group, place, lines, work)
-    wide = 1 + group.coordinates
-    used = np.empty(max(lines - 1, 1), dtype=np.int64)
     for line in range(lines):
-        for k in range(lines - 1):
-            used[k] = k if k < line else k + 1
-        explained = 0.0
-        if lines > 1:
-            explained = bounded(work.gram[0], work.right[0], wide, used, lines - 1, work.amplitude, work.factor)
+        explained = bounded(work, ZERO, 1 + group.coordinates, lines - 1, line)
         costs[line] = group.energy - explained - left
     return left
 
@@ -168,7 +163,7 @@ def _grow(model, group, place, lines, left, work):
     grown = False
     trials, energies = np.empty((2 * model.most + 1, model.most, 2)), np.empty(2 * model.most + 1)
     order = np.empty(RACE_KEPT, dtype=np.int64)
-    while 0 < lines < model.most and left > model.limit[len(group.white), lines] * group.noise:
+    while 0 < lines < model.most and left > model.limit[lines] * group.noise:
         angle, offset, _ = best_start(model, group, place, lines, work)
         copy(place, lines, trials[0])
         put(trials[0], lines, angle, offset)
@@ -193,7 +188,7 @@ def _grow(model, group, place, lines, left, work):
 def _try_lone(model, group, place, lines, left, work):
     """The angles that explain most in place of all: a peak that the fit began with may be a sidelobe's."""
     offset, fewer = place[0, 1], lines - 1
-    scan(model, group, place, ZERO, offset, work)
+    scan(model, group, ZERO, offset, work)
     angles = len(model.axis)
     trial, height = np.empty((1, 2)), np.empty(angles)
     peaks = np.empty(ELSEWHERE, dtype=np.int64)
@@ -224,7 +219,9 @@ def _replace_by_pair(model, group, place, lines, left, line, work):
     if kept:
         put(trial, ZERO, place[line, 0], place[line, 1])
         offset = place[0 if line else 1, 1]
-    scan(model, group, trial, kept, offset, work)
+        evaluate(model, group, trial, kept, work, ZERO)
+        least_squares(work, ZERO, 1 + group.coordinates, kept)
+    scan(model, group, kept, offset, work)
     count = min(KEPT_ANGLES, len(model.axis))
     angles = np.empty(count, dtype=np.int64)
     for index in range(len(model.axis)):
@@ -241,12 +238,13 @@ def _replace_by_pair(model, group, place, lines, left, line, work):
     pairs = count * (count - 1) // 2
     energy, first, second = np.empty(pairs), np.empty(pairs, dtype=np.int64), np.empty(pairs, dtype=np.int64)
     norm, inside, matched = np.ones(count), np.zeros(count, dtype=np.complex128), np.empty(count, dtype=np.complex128)
-    occupied = np.zeros(count, dtype=np.bool_)
+    power, occupied = np.empty(count), np.zeros(count, dtype=np.bool_)
     for i in range(count):
         if kept:
-            inside[i] = work.inside[0, angles[i]]
+            inside[i] = complex(work.inside[0, 0, angles[i]], work.inside[0, 1, angles[i]])
             norm[i] = np.sqrt(max(1.0 - inside[i].real ** 2 - inside[i].imag ** 2, LEAST_APART))
-        matched[i] = work.matched[angles[i]] / norm[i]
+        matched[i] = complex(work.matched[0, angles[i]], work.matched[1, angles[i]]) / norm[i]
+        power[i] = matched[i].real ** 2 + matched[i].imag ** 2
         # Where a line fewer would do, the best pair may stand near the lines.
         if lines == 2:
             for k in range(2):
@@ -261,8 +259,7 @@ def _replace_by_pair(model, group, place, lines, left, line, work):
                 apart = 1.0 - overlap.real**2 - overlap.imag**2
                 if apart > LEAST_APART:
                     cross = np.conj(matched[i]) * matched[j]
-                    power = np.abs(matched[i]) ** 2 + np.abs(matched[j]) ** 2
-                    joint = power - 2.0 * (cross.real * overlap.real - cross.imag * overlap.imag)
+                    joint = power[i] + power[j] - 2.0 * (cross.real * overlap.real - cross.imag * overlap.imag)
                     energy[pair] = joint / apart
             pair += 1
     have = group.energy
@@ -345,31 +342,24 @@ def _fit(model, group, given, place, work):
 
 
 @compiled(parallel=True, error_model="numpy")
-def fit_all(model, x, offset, white, scale, given, place, amplitude, deviation):
+def fit_all(model, x, scale, given, place, amplitude, deviation):
     """Fit G groups of equal cells.
 
-    :param x: [G, 2, N] real and imaginary part, whitened, of largest element about 1
-    :param offset, white: see :class:`.group_model.Group`; all groups have the same
+    :param x: [G, 2, MOST_CELLS, C] see :class:`.group_products.Group`
     :param scale: [G, 2] noise power of one element in the scale of x, 1 / R [1/m]
     :param given: [G, n] angles to begin with, NaN for none
     :param place: [G, most, 2] filled with u and range offsets [bins], NaN where there is no line
     :param amplitude: [G, most], filled; :param deviation: [G, most, 2] of the places, filled
     """
-    coordinates = ONE if len(offset) == 1 else ONE + ONE
-    wide, size = 1 + coordinates, x.shape[2]
-    columns, most, angles = model.most * wide, model.most, len(model.axis)
+    coordinates = ONE if model.cells == 1 else ONE + ONE
+    most = model.most
     for index in prange(len(x)):
         energy = 0.0
-        for n in range(size):
-            energy += x[index, 0, n] ** 2 + x[index, 1, n] ** 2
-        group = Group(x[index], offset, white, coordinates, scale[index, 0], energy, scale[index, 1])
-        work = Work(
-            np.empty((2, columns, size)), np.empty((2, columns, size)),
-            np.empty((2, columns, columns), dtype=np.complex128), np.empty((2, columns), dtype=np.complex128),
-            np.empty(most, dtype=np.complex128), np.empty((most, most), dtype=np.complex128),
-            np.empty((columns, most), dtype=np.complex128), np.empty((columns, columns)), np.empty(columns),
-            np.empty(angles), np.empty(angles, dtype=np.complex128), np.empty((most, angles), dtype=np.complex128),
-        )  # fmt: skip
+        for m in range(x.shape[2]):
+            for c in range(x.shape[3]):
+                energy += x[index, 0, m, c] ** 2 + x[index, 1, m, c] ** 2
+        group = Group(x[index], coordinates, scale[index, 0], energy, scale[index, 1])
+        work = empty_work(most, coordinates, x.shape[3], len(model.axis))
         found = np.zeros((most, 2))
         lines = _fit(model, group, given[index], found, work)
         if lines:

@@ -14,30 +14,27 @@ numba's own slices and sorts, and the copies of a function that it makes for eac
 minutes to compile."""
 
 
-@inlined(error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
-def dot(ar, ai, br, bi):
-    """a^H b, its real and imaginary part."""
-    real = imaginary = 0.0
-    for n in range(len(ar)):
-        real += ar[n] * br[n] + ai[n] * bi[n]
-        imaginary += ar[n] * bi[n] - ai[n] * br[n]
-    return real, imaginary
+@inlined(error_model="numpy")
+def scaled(value, factor):
+    """Times a real number: numba's own operators would make it complex, and its divisions careful and slow."""
+    return complex(value.real * factor, value.imag * factor)
 
 
 @part
 def cholesky(matrix, size):
-    """Factor a Hermitian matrix in place, its lower triangle; False where it is not positive definite."""
+    """Factor a Hermitian matrix in place, its lower triangle; False where it is not positive definite. The diagonal
+    is the inverse of L's: it only ever divides."""
     for i in range(size):
         for j in range(i + 1):
             total = matrix[i, j]
             for k in range(j):
                 total -= matrix[i, k] * np.conj(matrix[j, k])
-            if i == j:
-                if not total.real > 0.0:
-                    return False
-                matrix[i, i] = np.sqrt(total.real)
+            if j < i:
+                matrix[i, j] = scaled(total, matrix[j, j].real)
+            elif total.real > 0.0:
+                matrix[i, i] = 1.0 / np.sqrt(total.real)
             else:
-                matrix[i, j] = total / matrix[j, j].real
+                return False
     return True
 
 
@@ -48,7 +45,7 @@ def forward(factor, size, vector):
         total = vector[i]
         for k in range(i):
             total -= factor[i, k] * vector[k]
-        vector[i] = total / factor[i, i].real
+        vector[i] = scaled(total, factor[i, i].real)
 
 
 @part
@@ -58,7 +55,7 @@ def backward(factor, size, vector):
         total = vector[i]
         for k in range(i + 1, size):
             total -= np.conj(factor[k, i]) * vector[k]
-        vector[i] = total / factor[i, i].real
+        vector[i] = scaled(total, factor[i, i].real)
 
 
 @part
@@ -71,7 +68,7 @@ def eigen(matrix, vectors, size):
         beside = 0.0
         for p in range(size):
             for q in range(p + 1, size):
-                norm = np.abs(matrix[p, q])
+                norm = np.sqrt(matrix[p, q].real ** 2 + matrix[p, q].imag ** 2)
                 beside = max(beside, norm)
                 if norm < JACOBI_ZERO:
                     continue
@@ -94,26 +91,26 @@ def eigen(matrix, vectors, size):
 
 @part
 def solve(matrix, vector, size):
-    """Solve a symmetric positive definite system in place; False where it is not."""
-    for i in range(size):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= matrix[i, k] * matrix[j, k]
-            if i == j:
-                if not total > 0.0:
-                    return False
-                matrix[i, i] = np.sqrt(total)
-            else:
-                matrix[i, j] = total / matrix[j, j]
-    for i in range(size):
-        total = vector[i]
-        for k in range(i):
-            total -= matrix[i, k] * vector[k]
-        vector[i] = total / matrix[i, i]
+    """Solve a symmetric positive definite system in place, by the upper triangle; False where it is not. The inner
+    loops run along rows, several elements at once."""
+    for k in range(size):
+        if not matrix[k, k] > 0.0:
+            return False
+        matrix[k, k] = 1.0 / np.sqrt(matrix[k, k])
+        for j in range(k + 1, size):
+            matrix[k, j] *= matrix[k, k]
+        for i in range(k + 1, size):
+            factor = matrix[k, i]
+            for j in range(i, size):
+                matrix[i, j] -= factor * matrix[k, j]
+    for k in range(size):
+        vector[k] *= matrix[k, k]
+        value = vector[k]
+        for j in range(k + 1, size):
+            vector[j] -= value * matrix[k, j]
     for i in range(size - 1, -1, -1):
         total = vector[i]
         for k in range(i + 1, size):
-            total -= matrix[k, i] * vector[k]
-        vector[i] = total / matrix[i, i]
+            total -= matrix[i, k] * vector[k]
+        vector[i] = total * matrix[i, i]
     return True
