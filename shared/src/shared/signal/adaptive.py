@@ -29,17 +29,21 @@ One implementation for NumPy and torch, in single precision and for all rows at 
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+import importlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Complex64, Float32, Float64, Int, Int64
 
 from shared.radar import Radar
 from shared.signal.imaging import steering_matrix
-from shared.signal.namespace import Array, array_namespace, one_thread
 from shared.signal.signal import manifold
 from shared.signal.windows import angle_window
 
+Array = Any
+"""A NumPy array or a torch tensor; what goes in comes out."""
 Rule = Literal["iaa", "likes"]
 
 FLOOR = 1e-4
@@ -51,6 +55,29 @@ PRIOR_EXPONENT = 0.3
 LEAST_POWER, MOST_POWER = 1e-10, 1e6
 """Of an angle, in units of the row's power: an angle that fell to nothing can be called back, and no square
 overflows."""
+
+
+def array_namespace(array: Array) -> Any:
+    """The library that an array belongs to; torch is never imported for a NumPy array."""
+    return np if isinstance(array, np.ndarray) else importlib.import_module(type(array).__module__.partition(".")[0])
+
+
+@contextmanager
+def one_thread(library: Any) -> Iterator[None]:
+    """LAPACK on one thread: on small matrices two cost more than they save.
+
+    Where another process has one of two cores, 1890 inverses of 18 x 18 take torch 0.03 to 1.5 s with two threads,
+    which wait for each other at every matrix, and 0.014 s with one.
+    """
+    if not hasattr(library, "set_num_threads"):
+        yield
+        return
+    threads = library.get_num_threads()
+    library.set_num_threads(1)
+    try:
+        yield
+    finally:
+        library.set_num_threads(threads)
 
 
 class AdaptiveTables(NamedTuple):

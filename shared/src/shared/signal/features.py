@@ -15,10 +15,9 @@ import numpy as np
 from jaxtyping import Complex, Complex64, Float, Int
 
 from shared.radar import Radar
-from shared.signal.adaptive import AdaptiveTables, adaptive_spectrum
+from shared.signal.adaptive import AdaptiveTables, Array, adaptive_spectrum, array_namespace
 from shared.signal.imaging import steering_matrix
 from shared.signal.model_error import with_model_error
-from shared.signal.namespace import Array, array_namespace
 
 Snapshots = Complex[Array, "*batch rows channels"]
 Weights = Complex[Array, "channels bins"]

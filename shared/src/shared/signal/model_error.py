@@ -16,13 +16,13 @@ another, at a signal-to-noise ratio of 52 to 62 dB.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from jaxtyping import Complex, Float
 
 from shared.physics.errors import InputError
 from shared.physics.units import ArrayOrScalar, db_to_power
-from shared.signal.namespace import Array
 
 NO_MODEL_ERROR_DB = -math.inf
 """Of simulated data: its waves are those of the model."""
@@ -40,8 +40,9 @@ def model_error_ratio(model_error_db: float) -> float:
     return float(db_to_power(model_error_db))
 
 
-def with_model_error(noise_power: Array, row_power: Array, model_error: Array) -> Array:
-    """Noise power plus the share ``model_error`` of the row's power, in their unit; the arguments broadcast.
+def with_model_error(noise_power: Any, row_power: Any, model_error: Any) -> Any:
+    """Noise power plus the share ``model_error`` of the row's power, in their unit; the arguments, of NumPy or torch,
+    broadcast.
 
     :param noise_power: sigma^2 of one channel
     :param row_power: mean_c |x_c|^2
