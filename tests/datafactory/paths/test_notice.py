@@ -8,19 +8,31 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from prepared_scenes import EFFECT_SCENES, SCENES, prepared_scene
-from sionna_scenes import MATERIALS, mesh
+from sionna_scenes import MATERIALS, mesh, plate
 
 from datafactory.effects.catalogue import ALL
 from datafactory.frame.chain import ChainSettings, SceneSource
 from datafactory.frame.deal import Deal
-from datafactory.paths.candidates import CHAIN, CORNER, EDGE, PANE, TARGET_MIRRORED, TARGET_SEEN, TWICE, Candidates
+from datafactory.paths.candidates import (
+    CHAIN,
+    CORNER,
+    EDGE,
+    PANE,
+    PASSED,
+    TARGET_MIRRORED,
+    TARGET_SEEN,
+    TWICE,
+    Candidates,
+)
 from datafactory.paths.chains import chain_candidates
 from datafactory.paths.corner_edges import corners_of
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.notice import Notice, first_echoes
+from datafactory.paths.rays import RayFan
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import DIFFRACTED, DIFFUSE, REFRACTED, SPECULAR, PathTable, ScatteredPaths, SpecularPaths
+from datafactory.paths.trace import trace
 from datafactory.paths.view import View
 from datafactory.scenes.poses import Pose, read_poses
 from datafactory.scenes.scene import Scene
@@ -200,7 +212,7 @@ def two_walls(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np
     bare = replace(corners_of(merge_scene(Scene("none", ()), MATERIALS)), face_of_triangle=np.full(2, -1))
     slabs = Slabs(of.slabs, SPEED_OF_LIGHT / 0.004)
     view = View(None, of, slabs, Pose((0.0, 0.0, 0.0)), TraceSettings())
-    return chain_candidates([np.array([[0, 1], [0, 1]])], view, bare)
+    return chain_candidates(CHAIN, [np.array([[0, 1], [0, 1]])], view, bare)
 
 
 X, Y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
@@ -221,3 +233,29 @@ def test_walls_over_which_no_way_closes_have_no_chain() -> None:
     """A wall ahead and one beside it, behind the sensor's back: their images close only far outside both."""
     beside = np.array([200.0, 3.0, 0.0])
     assert len(two_walls((10.0 * X, -X), (beside, -Y))) == 0
+
+
+@pytest.mark.parametrize("chained", [True, False])
+def test_chains_through_panes_are_a_group_by_itself(chained: bool) -> None:
+    """A wall behind a pane, and one behind the sensor's back, over which the way closes, or none."""
+    wide = (0.0, 20.0, 0.0), (0.0, 0.0, 20.0)
+    walls = plate("ahead", (10.0, 0.0, 0.0), *wide, "metal"), plate("behind", (-5.0, 0.0, 0.0), *wide, "metal")
+    pane = plate("pane", (3.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), "glass")
+    merged = merge_scene(Scene("walls", (pane, *walls[: 1 + chained])), MATERIALS)
+    settings, fan = TraceSettings(rays=20_000, refraction=True), RayFan(20_000)
+
+    def traced(notice: Notice | None) -> tuple[PathTable, NDArray[np.bool_]]:
+        table = trace(merged, Pose((0.0, 0.0, 0.0)), 77.5e9, settings, fan, 1, notice=notice)
+        mirrors = table.specular
+        return table, (mirrors.depth == 2) & (mirrors.kinds & REFRACTED > 0)
+
+    table, through = traced(None)
+    members = table.candidates.take(table.candidates.family == PASSED)
+    assert (len(members) > 1) == chained  # the first stands for the group
+    assert through.any() == chained
+    assert (table.candidates.family[table.specular.candidate[through]] == PASSED).all()
+    assert chained == (np.abs(members.range_m[1:] - 15.0) < 1e-4).any()
+    strict, through = traced(replace(NOTICE, budget_db=-100.0, below_noise=False))
+    assert through.any() == chained
+    assert (strict.candidates.family == PASSED).sum() == len(members)
+    assert not traced(replace(NOTICE, budget_db=0.0, below_noise=False))[1].any()

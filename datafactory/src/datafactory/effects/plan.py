@@ -26,10 +26,11 @@ from datafactory.paths.candidates import (
     EDGE,
     MIRRORED,
     PANE,
+    PASSED,
     TARGET_MIRRORED,
     TARGET_SEEN,
     TWICE,
-)  # fmt: skip
+)
 from datafactory.paths.density import cell_power
 from datafactory.paths.notice import Notice
 from datafactory.paths.table import PathTable
@@ -38,7 +39,7 @@ from shared.physics.units import power_to_db
 from shared.radar import Radar
 
 FAMILIES = {
-    "multi_bounce": (TWICE, MIRRORED, CHAIN, TARGET_MIRRORED),
+    "multi_bounce": (TWICE, MIRRORED, CHAIN, PASSED, TARGET_MIRRORED),
     "refraction": (PANE,),
     "diffraction": (EDGE,),
     "corners": (CORNER,),

@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from datafactory.paths.columns import Columns
 from shared.physics.vectors import Real
 
-EDGE, CORNER, TARGET_SEEN, TARGET_MIRRORED, PANE, TWICE, MIRRORED, CHAIN = range(8)
+EDGE, CORNER, TARGET_SEEN, TARGET_MIRRORED, PANE, TWICE, MIRRORED, CHAIN, PASSED = range(9)
 """What a candidate may become: an edge's echo, a right-angled corner's, a target's own or round an edge, a target's
-over mirrors; what lies beyond a pane; waves scattered twice, mirrored and then scattered, mirrored twice or more.
+over mirrors; what lies beyond a pane; waves scattered twice, mirrored and then scattered, mirrored twice or more, and
+the same through panes.
 """
-GROUPS = (PANE, TWICE, MIRRORED, CHAIN)
+GROUPS = (PANE, TWICE, MIRRORED, CHAIN, PASSED)
 """Followed altogether or not at all; the others one by one."""
 
 Float = NDArray[np.float32]

@@ -21,7 +21,7 @@ from itertools import combinations
 
 import numpy as np
 
-from datafactory.paths.candidates import CHAIN, Candidates
+from datafactory.paths.candidates import Candidates
 from datafactory.paths.corner_edges import CornerEdges, corners_of
 from datafactory.paths.merged_scene import MergedScene, barycentric
 from datafactory.paths.solver import Bundle
@@ -33,9 +33,10 @@ LARGER = 2.0
 """How much larger than it is, about its centre, a triangle counts in each direction."""
 
 
-def chain_candidates(sequences: Sequence[Index], view: View, corners: CornerEdges) -> Candidates:
+def chain_candidates(family: int, sequences: Sequence[Index], view: View, corners: CornerEdges) -> Candidates:
     """Of every sequence of triangles over which a way closes.
 
+    :param family: ``CHAIN``, or ``PASSED`` where rays went through panes
     :param sequences: triangles [n, mirrors] in the order in which rays met them
     :param corners: right-angled, whose own chains are left out
     """
@@ -49,7 +50,7 @@ def chain_candidates(sequences: Sequence[Index], view: View, corners: CornerEdge
         image, departure = _closed(view.corners[some], view.normals[some], view.heights[some])
         length = np.linalg.norm(image, axis=1)
         power = (wavelength_m / (4.0 * np.pi * np.maximum(length, wavelength_m))) ** 2
-        found.append(Candidates.of(CHAIN, image, power, 0.5 * length, departure))
+        found.append(Candidates.of(family, image, power, 0.5 * length, departure))
     return Candidates.joined(found)
 
 

@@ -41,7 +41,7 @@ then scattered (:func:`over_mirrors`) are looked for along a thin share of the r
 stands for what k rays would bring. Of n echoes alike in a resolution cell the sum has the standard error 1 / sqrt(n) of
 itself, of a single one its own size, so that three times the echo's power is the estimate and two standard errors
 above. What is found here is not looked for again: where the group is followed, the other rays are added. The same share
-tells the faces over which there may be chains of mirrors (:mod:`.chains`)."""
+tells the faces over which there may be chains of mirrors (:mod:`.chains`), straight on through panes or not."""
 
 from __future__ import annotations
 
@@ -51,13 +51,14 @@ import numpy as np
 
 from datafactory.defaults import LARGEST_DEPTH
 from datafactory.paths.arrivals import DIRECTIONS, Arrivals, Echoes
-from datafactory.paths.candidates import CHAIN, MIRRORED, TWICE, Candidates
+from datafactory.paths.candidates import CHAIN, MIRRORED, PASSED, TWICE, Candidates
 from datafactory.paths.chains import chain_candidates
 from datafactory.paths.corner_edges import corners_of
 from datafactory.paths.panes import AXES, polarization_axis
 from datafactory.paths.scattering import share_at
 from datafactory.paths.slabs import passed_fields, reflectivity
 from datafactory.paths.table import DIFFUSE, SPECULAR
+from datafactory.paths.view import Hits
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Index, Real, lengths
 
@@ -83,22 +84,32 @@ def over_mirrors(first: Arrivals) -> list[Echoes]:
     return echoes
 
 
+def through_panes(arrivals: Arrivals) -> tuple[Arrivals, Hits]:
+    """Where those waves arrive next that meet a pane and go on through it, and where they met it."""
+    view = arrivals.view
+    met = arrivals.take(view.slabs.lets_through[arrivals.hits.mesh])
+    waves, panes = met.waves, met.hits
+    field = passed_fields(
+        waves.direction, panes.normal, waves.field, *view.slabs.transmission(panes.mesh, panes.cosine)
+    )
+    departing = replace(waves, lifted=panes.clear(-1.0), field=field)
+    index, hits = view.hit_by(departing)
+    te, tm = view.slabs.reflection(hits.mesh, hits.cosine)
+    beyond = replace(
+        met, waves=departing.arrived(index, hits), hits=hits, te=te, tm=tm, ratio=met.ratio[index], ray=met.ray[index]
+    )
+    return beyond, panes.take(index)
+
+
 def behind_panes(first: Arrivals) -> Echoes:
     """What is scattered back through the first surface by what stands behind it."""
-    view = first.view
-    first = first.take(view.slabs.lets_through[first.hits.mesh])
-    waves, panes = first.waves, first.hits
-    te, tm = view.slabs.transmission(panes.mesh, panes.cosine)
-    field = passed_fields(waves.direction, panes.normal, waves.field, te, tm)
-    waves = replace(waves, lifted=panes.clear(-1.0), field=field)
-    index, hits = view.hit_by(waves)
-    waves, panes, te, tm = waves.arrived(index, hits), panes.take(index), te[index], tm[index]
+    beyond, panes = through_panes(first)
+    waves = beyond.waves
     turned = _turned_back(waves.field, polarization_axis(waves.direction, "V"))
+    te, tm = first.view.slabs.transmission(panes.mesh, panes.cosine)
     back = passed_fields(waves.direction, panes.normal, turned, te, tm)
-    te, tm = view.slabs.reflection(hits.mesh, hits.cosine)
-    kept = reflectivity(waves.direction, hits.normal, waves.field, te, tm)
-    behind = replace(first, waves=waves, hits=hits, te=te, tm=tm, ratio=first.ratio[index], ray=first.ray[index])
-    return behind.heard(np.arange(len(back)), back, kept, 2)
+    kept = reflectivity(waves.direction, beyond.hits.normal, waves.field, beyond.te, beyond.tm)
+    return beyond.heard(np.arange(len(back)), back, kept, 2)
 
 
 @compiled()
@@ -190,24 +201,34 @@ class SecondBounces:
         self._thin, self._rest = first.share(self._each)
         self._mirrored, self._twice = over_mirrors(self._thin), scattered_twice(first, seed)
 
-    def candidates(self) -> dict[int, Candidates]:
-        """Of each group."""
+    def candidates(self, panes: bool) -> dict[int, Candidates]:
+        """Of each group.
+
+        :param panes: whether waves go through any
+        """
         mirrored = [_estimates(MIRRORED, echoes, self._each) for echoes in self._mirrored]
         twice = [_estimates(TWICE, echoes, 1) for echoes in self._twice]
         return {
             MIRRORED: Candidates.joined([Candidates.none(), *mirrored]),
             TWICE: Candidates.joined([Candidates.none(), *twice]),
-            CHAIN: self._chains(),
+            **self._chains(panes),
         }
 
-    def _chains(self) -> Candidates:
-        arrivals, sequences = self._thin, list[Index]()
-        if not arrivals.view.settings.specular:
-            return Candidates.none()
-        for _ in range(LARGEST_DEPTH - 1):
+    def _chains(self, panes: bool) -> dict[int, Candidates]:
+        arrivals, view = self._thin, self._thin.view
+        found: dict[int, list[Index]] = {CHAIN: [], PASSED: []}
+        if not view.settings.specular:
+            return dict.fromkeys(found, Candidates.none())
+        passed = [through_panes(arrivals)[0]] if panes else []
+        for mirrors in range(1, LARGEST_DEPTH):
             arrivals = arrivals.reflected()
-            sequences.append(np.concatenate([arrivals.waves.triangles, arrivals.hits.triangle[:, None]], axis=1))
-        return chain_candidates(sequences, arrivals.view, corners_of(arrivals.view.merged))
+            found[CHAIN].append(_met(arrivals))
+            if panes and mirrors < view.settings.depth:
+                passed = [beyond.reflected() for beyond in passed]
+                passed += [through_panes(before)[0] for before in (arrivals, *passed)]
+                found[PASSED] += map(_met, passed)
+        corners = corners_of(view.merged)
+        return {family: chain_candidates(family, met, view, corners) for family, met in found.items()}
 
     def echoes(self, group: int) -> list[Echoes]:
         """All echoes of a group, by the kinds of bounce."""
@@ -217,6 +238,11 @@ class SecondBounces:
             return self._mirrored
         both = zip(self._mirrored, over_mirrors(self._rest), strict=True)
         return [Echoes.joined(parts).by_ray() for parts in both]
+
+
+def _met(arrivals: Arrivals) -> Index:
+    """[n, mirrors] triangles that waves have met, the last one where they arrive."""
+    return np.concatenate([arrivals.waves.triangles, arrivals.hits.triangle[:, None]], axis=1)
 
 
 def _estimates(group: int, echoes: Echoes, stands_for: int) -> Candidates:

@@ -24,7 +24,7 @@ import numpy as np
 
 from datafactory.paths.aim import aimed
 from datafactory.paths.arrivals import Arrivals
-from datafactory.paths.candidates import CHAIN, MIRRORED, PANE, TWICE, Candidates
+from datafactory.paths.candidates import CHAIN, MIRRORED, PANE, PASSED, TWICE, Candidates
 from datafactory.paths.chains import without_corners
 from datafactory.paths.corner_echoes import CornerEchoes
 from datafactory.paths.corner_edges import corners_of
@@ -113,8 +113,8 @@ def trace(
         found.add(points, singles, images)
         found.counts |= counts | of_curved
     listed = _listed(view, target_seed)
-    groups = {PANE: panes, **dict.fromkeys((MIRRORED, TWICE, CHAIN), Candidates.none())}
-    groups |= second.candidates() if second is not None else {}
+    groups = {PANE: panes, **dict.fromkeys((MIRRORED, TWICE, CHAIN, PASSED), Candidates.none())}
+    groups |= second.candidates(len(panes) > 0) if second is not None else {}
     parts = [*(source.candidates for source in listed), *(Candidates.group(*group) for group in groups.items())]
     candidates = Candidates.joined(parts)
     worth = np.ones(len(candidates), dtype=bool)
@@ -172,22 +172,22 @@ def _add_scattered(found: _Found, part: Bundle, view: View, fan: RayFan, group: 
 
 
 def _add_chains(found: _Found, view: View, kept: Geometry, fan: RayFan, seed: int, followed: dict[int, int]) -> None:
-    """Chains of mirrors, and mirrors beyond panes, of the groups that are followed, by one pass of the solver each.
+    """Chains of mirrors, and those through panes, of the groups that are followed, by one pass of the solver each.
 
     A ray that may pass a pane is reflected there by chance: in one pass for both, chains over small panes are lost.
     """
     settings, solved = view.settings, dict[int, Solved]()
     passes = {CHAIN: replace(settings.of_mirrors, refraction=False)}
     if settings.refraction:
-        passes[PANE] = replace(settings, diffuse=False)
+        passes[PASSED] = replace(settings, diffuse=False)
     wanted = [group for group in passes if group in followed]
     if wanted and settings.depth > 1 and settings.specular and view.merged.meshes:
         scene = radio_scene(kept, view.slabs, settings)
         for group in wanted:
             solved[group] = solve(scene, view.merged, view.pose, passes[group], fan, seed)
     groups = {group: item.bundle for group, item in solved.items()}
-    if PANE in groups:
-        groups[PANE] = groups[PANE].take(groups[PANE].crossings > 0)
+    if PASSED in groups:
+        groups[PASSED] = groups[PASSED].take(groups[PASSED].crossings > 0)
     if settings.corners and CHAIN in groups:
         groups[CHAIN], found.counts["corners_by_the_solver"] = without_corners(groups[CHAIN], view.merged)
     for group, bundle in groups.items():
