@@ -21,7 +21,7 @@ from factory_command import shards
 from ray_cluster import add_node, kill_node, ray_cluster
 
 from datafactory import RunFailed, render
-from datafactory.run import pipeline
+from datafactory.run import pipeline, preparation
 from shared.physics.errors import InputError
 
 FRAMES = 40
@@ -105,7 +105,7 @@ def test_a_deadly_portion_is_named_and_the_rest_unharmed(
     """Begun on Ray, finished on this machine."""
     out, lines = tmp_path / "data", list[str]()
     with monkeypatch.context() as patch:
-        patch.setattr(pipeline, "Job", ray_work.DeadlyJob)
+        patch.setattr(preparation, "Job", ray_work.DeadlyJob)
         died = rf"^{DEADLY}, frames 3 to 31: three worker processes died of it, its process ended, .*--resume"
         with pytest.raises(RunFailed, match=died):
             made(out, radar_file, engine="ray", address=cluster.address, keep_going=True)
