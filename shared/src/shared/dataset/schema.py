@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from jaxtyping import Float64
 from numpy.typing import NDArray
 
 from shared.physics.errors import InputError, Told
@@ -121,7 +122,7 @@ class Box:
     object: str
     power: float = 0.0
 
-    def footprint(self, points: int = 1) -> NDArray[np.float64]:
+    def footprint(self, points: int = 1) -> Float64[np.ndarray, "outline 2"]:
         """[4 * points, 2] x and y [m] along its outline seen from above, counter-clockwise from its front left corner.
 
         :param points: of each side, its first corner among them
@@ -133,7 +134,7 @@ class Box:
         cosine, sine = np.cos(self.yaw), np.sin(self.yaw)
         return np.array(self.center[:2]) + along @ np.array([[cosine, sine], [-sine, cosine]])
 
-    def range_and_u(self, points: int = 16) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def range_and_u(self, points: int = 16) -> tuple[Float64[np.ndarray, " outline"], Float64[np.ndarray, " outline"]]:
         """[4 * points] range [m] and u = sin(azimuth) along its footprint, at the height of its middle."""
         x, y = self.footprint(points).T
         range_m = np.sqrt(x**2 + y**2 + self.center[2] ** 2)
