@@ -6,10 +6,12 @@ import functools
 import importlib
 import inspect
 import os
+import pickle
 import shutil
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
@@ -83,6 +85,19 @@ def test_kept_code_is_compiled_anew_where_a_function_that_it_calls_has_changed(t
         (tmp_path / "part.py").write_text(PART.format(step=step))
         said.append(run("import outer", tmp_path, tmp_path / "home"))
     assert said == ["False 2", "True 2", "False 6"]
+
+
+def test_kept_code_that_names_a_class_which_is_gone_is_compiled_anew(tmp_path: Path) -> None:
+    """numba reads the whole index before it looks whether it is of these sources."""
+    (tmp_path / "kernel.py").write_text(KERNEL)
+    told = partial(run, "import kernel; print(kernel.tripled(2))", tmp_path, tmp_path / "home")
+    assert told() == "6"
+    (index,) = tmp_path.rglob("*.nbi")
+    with index.open("rb") as kept:
+        version = pickle.dumps(pickle.load(kept))
+    index.write_bytes(version + b"ckernel\nGone\n.")
+    assert told() == "6"
+    assert b"Gone" not in index.read_bytes()
 
 
 @pytest.fixture
