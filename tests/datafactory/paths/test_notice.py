@@ -35,7 +35,7 @@ from datafactory.paths.table import DIFFRACTED, DIFFUSE, REFRACTED, SPECULAR, Pa
 from datafactory.paths.trace import trace
 from datafactory.paths.view import View
 from datafactory.scenes.poses import Pose, read_poses
-from datafactory.scenes.scene import Scene
+from datafactory.scenes.scene import Scene, SceneObject
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.signal.windows import angle_window, cell_noise_power, point_spread
@@ -259,3 +259,23 @@ def test_chains_through_panes_are_a_group_by_itself(chained: bool) -> None:
     assert through.any() == chained
     assert (strict.candidates.family == PASSED).sum() == len(members)
     assert not traced(replace(NOTICE, budget_db=0.0, below_noise=False))[1].any()
+
+
+def test_a_corner_behind_a_pane_is_a_chain_of_the_solver() -> None:
+    """Two walls at 88 deg behind a pane: in the open they are a corner, and no chain."""
+    along = [
+        np.array([np.cos(turn), np.sin(turn), 0.0]) for turn in (np.pi - np.radians(44.0), np.pi + np.radians(44.0))
+    ]
+    up, edge = np.array([0.0, 0.0, 1.0]), np.array([10.0, 0.0, 0.0])
+    sides = [np.array([edge - up, edge + 2.0 * way - up, edge + 2.0 * way + up, edge + up]) for way in along]
+    corner = mesh("corner", np.concatenate(sides), [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]], "metal")
+    pane = plate("pane", (5.0, 0.0, 0.0), (0.0, 3.0, 0.0), (0.0, 0.0, 3.0), "glass")
+    settings, fan = TraceSettings(rays=20_000, refraction=True, corners=True), RayFan(20_000)
+
+    def families(*objects: SceneObject) -> set[int]:
+        merged = merge_scene(Scene("corner", objects), MATERIALS)
+        found = trace(merged, Pose((0.0, 0.3, 0.0)), 77.5e9, settings, fan, 1).candidates
+        return set(found.family[found.power > 0.0].tolist())
+
+    assert families(corner) & {CORNER, CHAIN, PASSED} == {CORNER}
+    assert PASSED in families(corner, pane)

@@ -33,20 +33,21 @@ LARGER = 2.0
 """How much larger than it is, about its centre, a triangle counts in each direction."""
 
 
-def chain_candidates(family: int, sequences: Sequence[Index], view: View, corners: CornerEdges) -> Candidates:
+def chain_candidates(family: int, sequences: Sequence[Index], view: View, corners: CornerEdges | None) -> Candidates:
     """Of every sequence of triangles over which a way closes.
 
     :param family: ``CHAIN``, or ``PASSED`` where rays went through panes
     :param sequences: triangles [n, mirrors] in the order in which rays met them
-    :param corners: right-angled, whose own chains are left out
+    :param corners: right-angled, whose own chains are left out; None where those are the solver's, behind panes
     """
     found, wavelength_m = [Candidates.none()], view.wavelength_m
     for sequence in sequences:
         some = np.unique(sequence, axis=0)
-        own = np.ones(len(some), dtype=bool)
-        for one, other in combinations(some.T, 2):
-            own &= corners.joins(one, other)
-        some = some[~own]
+        if corners is not None:
+            own = np.ones(len(some), dtype=bool)
+            for one, other in combinations(some.T, 2):
+                own &= corners.joins(one, other)
+            some = some[~own]
         image, departure = _closed(view.corners[some], view.normals[some], view.heights[some])
         length = np.linalg.norm(image, axis=1)
         power = (wavelength_m / (4.0 * np.pi * np.maximum(length, wavelength_m))) ** 2

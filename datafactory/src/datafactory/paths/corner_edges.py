@@ -99,7 +99,8 @@ class CornerEdges(Placed):
         """[n] whether two triangles [n] each belong to the two faces of one corner."""
         known, count = self._joined_faces
         one, two = self.face_of_triangle[triangle], self.face_of_triangle[other]
-        low, asked = np.minimum(one, two), np.minimum(one, two) * count + np.maximum(one, two)
+        low = np.minimum(one, two)
+        asked = low * count + np.maximum(one, two)
         place = np.searchsorted(known, asked)
         return (low >= 0) & (np.append(known, -1)[place] == asked)
 

@@ -212,7 +212,8 @@ def _mirror_shares(rims, ends, point, arrival, normals, triangle, scale):
             across[i] = (n[i - 2] * along[i - 1] - n[i - 1] * along[i - 2]) * scale[k]
         for i in range(3):
             along[i] *= abs(slope) / length * scale[k]
-        reach = np.sqrt(CUT) / max(abs(slope) / length * scale[k], 1e-9) + 2.0 * COPLANAR_M
+        # In (xi, eta) a length shrinks by the slope at most; points and edges lie off the plane by COPLANAR_M at most.
+        reach = np.sqrt(CUT) / max(abs(slope) / length * scale[k], CLOSEST) + 2.0 * COPLANAR_M
         count = _as_seen(rims, ends[k], point[k], reach, seen)
         total, turned, _ = _along_edges(seen[:count], point[k], along, across)
         share[k] = total / max(turned, 2.0 * np.pi)

@@ -227,8 +227,8 @@ class SecondBounces:
                 passed = [beyond.reflected() for beyond in passed]
                 passed += [through_panes(before)[0] for before in (arrivals, *passed)]
                 found[PASSED] += map(_met, passed)
-        corners = corners_of(view.merged)
-        return {family: chain_candidates(family, met, view, corners) for family, met in found.items()}
+        corners = {CHAIN: corners_of(view.merged), PASSED: None}
+        return {family: chain_candidates(family, met, view, corners[family]) for family, met in found.items()}
 
     def echoes(self, group: int) -> list[Echoes]:
         """All echoes of a group, by the kinds of bounce."""

@@ -178,7 +178,7 @@ def _add_chains(found: _Found, view: View, kept: Geometry, fan: RayFan, seed: in
     """
     settings, solved = view.settings, dict[int, Solved]()
     passes = {CHAIN: replace(settings.of_mirrors, refraction=False)}
-    if settings.refraction:
+    if settings.refraction and PANE in followed:  # without what is beyond panes, nothing that passed one is kept
         passes[PASSED] = replace(settings, diffuse=False)
     wanted = [group for group in passes if group in followed]
     if wanted and settings.depth > 1 and settings.specular and view.merged.meshes:
