@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.physics.compiled import inlined
+from shared.physics.cycles import phasor
 from trainer.estimators.small_matrices import part
 
 FARTHEST = 2.5
@@ -75,13 +76,21 @@ class Work(NamedTuple):
     right: NDArray[np.complex128]
     """[2, V] and with x"""
     amplitude: NDArray[np.complex128]
+    """[K] s of one set"""
     factor: NDArray[np.complex128]
+    """[K, K] Cholesky factor L of its lines' Gram matrix"""
     mixed: NDArray[np.float64]
+    """[2, K, V] real and imaginary part of L^-1 A^H D diag(s)"""
     curvature: NDArray[np.float64]
+    """[V, V] its upper triangle"""
     slope: NDArray[np.float64]
+    """[V]"""
     score: NDArray[np.float64]
+    """[A] energy that a further line takes at each search angle"""
     matched: NDArray[np.float64]
+    """[2, A] a^H P x / |a| there, real and imaginary part"""
     inside: NDArray[np.float64]
+    """[K, 2, A] Q^H a / |a| there, Q an orthonormal basis of the lines"""
 
 
 @part
@@ -115,19 +124,11 @@ class Group(NamedTuple):
 
 @inlined(error_model="numpy", fastmath={"contract"})
 def _fill_waves(model, bend, u, line, response, which):
-    """e(c) and its phase's slope: series within an eighth of a turn, doubled twice."""
+    """e(c) and its phase's slope."""
     for c in range(len(model.phase)):
         bent = model.curve[c] * bend * u
-        turns = (model.phase[c] + bent) * u * (0.5 / np.pi)
-        angle = (turns - np.floor(turns + 0.5)) * (0.5 * np.pi)
-        y = -angle * angle
-        sine = 1.0 + y * (1 / 72) * (1.0 + y * (1 / 110) * (1.0 + y * (1 / 156) * (1.0 + y * (1 / 210))))
-        sine = angle * (1.0 + y * (1 / 6) * (1.0 + y * (1 / 20) * (1.0 + y * (1 / 42) * sine)))
-        cosine = 1.0 + y * (1 / 90) * (1.0 + y * (1 / 132) * (1.0 + y * (1 / 182) * (1.0 + y * (1 / 240))))
-        cosine = 1.0 + y * (1 / 2) * (1.0 + y * (1 / 12) * (1.0 + y * (1 / 30) * (1.0 + y * (1 / 56) * cosine)))
-        cosine, sine = 1.0 - 2.0 * sine * sine, 2.0 * sine * cosine
-        response[which, line, COSINE, c] = 1.0 - 2.0 * sine * sine
-        response[which, line, SINE, c] = -2.0 * sine * cosine
+        cosine, sine = phasor((model.phase[c] + bent) * u * (-0.5 / np.pi))
+        response[which, line, COSINE, c], response[which, line, SINE, c] = cosine, sine
         response[which, line, TURN, c] = model.phase[c] + 2.0 * bent
 
 
