@@ -12,8 +12,8 @@ from shared.physics.vectors import Index, Real
 
 SAME_POINT_M = 1e-4
 STRETCH = 16
-"""Edges of a stretch, at most; a rim of no more is one. On munich's ground of 644 edges 8 to 64 are alike, 4 take twice as
-long (a trial script, four frames)."""
+"""Edges of a stretch, at most; a rim of no more is one. On munich's ground of 644 edges 8 to 64 are alike, and 4 take
+twice as long (a trial script, four frames)."""
 
 
 class Rim(NamedTuple):
