@@ -1,4 +1,4 @@
-"""One frame of twenty calls for an effect: it has it, the others do not, and the bytes hang on nothing else."""
+"""Of frames those have an effect that call for it, the others do not, and the bytes hang on nothing else."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("frames")
 
 
-def made(folder: Path, out: str, poses: list[dict], *more: object) -> Path:
+def made(folder: Path, out: str, poses: list[dict], *more: object, scene: Path = SCENE) -> Path:
     """A run of these poses in ``folder``."""
     (folder / "radar.toml").write_text(RADAR, encoding="utf-8")
     (folder / f"{out}.json").write_text(json.dumps(poses), encoding="utf-8")
-    run("render", "--scene", SCENE, "--poses", folder / f"{out}.json", "--radar", folder / "radar.toml",
+    run("render", "--scene", scene, "--poses", folder / f"{out}.json", "--radar", folder / "radar.toml",
         "--rays", 20_000, "--split", "1:0:0", "--out", folder / out, *more)  # fmt: skip
     return folder / out
 
@@ -104,3 +104,15 @@ def test_frames_that_look_away_leave_out_what_they_do_not_see(folder: Path) -> N
     assert found["frames_with_refraction"] == 0  # there is no pane
     levels = [frame.image_peak for frame in frames(out)]
     assert levels[ODD] > max(levels[:ODD] + levels[ODD + 1 :])
+
+
+def test_of_eight_frames_at_a_pane_the_two_that_look_through_it_have_refraction(folder: Path) -> None:
+    """Five look away, and one stands behind the pane, before the wall that the two see through it."""
+    position = [40.0, 0.0, 0.5]
+    poses = [{"position": position, "yaw_deg": yaw} for yaw in (180.0, 0.0, 120.0, -120.0, 2.0, 150.0, -150.0)]
+    poses.append({"position": [79.0, 1.0, 0.5]})
+    out = made(folder, "pane", poses, "--workers", 1, scene=EFFECT_SCENES / "reflector_behind_pane.usda")
+    assert counts(out)["frames"] == len(poses)
+    assert counts(out)["frames_with_refraction"] == 2
+    behind = [any(39.0 < target.range_m < 41.0 for target in frame.targets) for frame in frames(out)]
+    assert behind == [False, True, False, False, True, False, False, False]
