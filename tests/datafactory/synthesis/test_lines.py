@@ -11,6 +11,7 @@ from path_tables import radar_of, random_table
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths, cube_of_sorted
 from datafactory.synthesis.motion import Recording, centre, left_out, motion_of, reach_m
+from datafactory.synthesis.slow_time import FEWEST_TERMS, MANY_TERMS
 from datafactory.synthesis.sorting import ORDERS, PathsAlongLines, SortedPaths, line_sets, sorted_paths
 from shared.radar import Radar
 from shared.radar.arrays import virtual_sensor_256
@@ -119,9 +120,9 @@ def errors_and_bounds(
     out = left_out(motion_of(paths.scattered, centres, start, recording), reaches, recording)
     weights = next(weights for limit, weights in line_sets(recording) if out.extra[0] <= limit)
     exact, nothing = cube_of_paths(paths, radar, 1e-9, intra_chirp=intra_chirp), PathTable(ScatteredPaths.none())
-    found = []
+    found, terms = [], MANY_TERMS if close else FEWEST_TERMS
     for orders in range(1, ORDERS + 1):
-        alone = SortedPaths(nothing, (PathsAlongLines(weights, orders, paths, close),), nothing)
+        alone = SortedPaths(nothing, (PathsAlongLines(weights, orders, paths, close, terms),), nothing)
         found.append(relative_error(cube_of_sorted(alone, recording, 1), exact))
     return found, (out.close if close else out.far)[:, 0]
 

@@ -84,6 +84,7 @@ def exact_blocks(recording: Recording) -> list[Block]:
     return blocks
 
 
+@lru_cache(maxsize=64)
 def terms_for(reach_bins: float, error: float, samples: int) -> int:
     """Least even number of moments whose mean error over the sweep stays below ``error``.
 

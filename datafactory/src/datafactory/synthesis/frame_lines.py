@@ -24,9 +24,7 @@ from datafactory.synthesis.chirps import range_weights, terms_for
 from datafactory.synthesis.lines import Paths, Weights, add_lines
 from datafactory.synthesis.motion import Motion, Part, Recording, centre, motion_of
 from datafactory.synthesis.slow_time import (
-    FEW_TERMS,
     LINE_OVERSAMPLING,
-    MANY_TERMS,
     element_reach,
     element_weights,
     line_shape,
@@ -178,16 +176,15 @@ def _spread(
     """Add some paths of a job to the grid."""
     recording, array, part, group = plan.recording, plan.recording.array, job.part, job.group
     waveform, rx, line = recording.waveform, array.rx[plan.rx], group.weights
-    terms = MANY_TERMS if group.close else FEW_TERMS
-    reach = element_reach(terms, VIEW_SHARE * recording.tolerance, recording.half)
+    reach = element_reach(group.terms, VIEW_SHARE * recording.tolerance, recording.half)
     paths = Paths(
         columns(part.paths, chosen), job.anchor[chosen], np.searchsorted(lines, job.first[chosen]),
         np.take(job.motion.bend, chosen, axis=1),
     )  # fmt: skip
     sensor = Sensor(array.tx[part.tx], padded(rx), centre(array.tx), centre(rx), part.tx.start)
     sweep = recording.sweep(plan.cells / waveform.samples, plan.cells, float(part.start[waveform.chirps // 2]))
-    weights = Weights(line.node, element_weights(line, reach, terms), plan.weights)
-    forms = *plan.weights.shape, group.orders, terms, 2 if group.close else 1
+    weights = Weights(line.node, element_weights(line, reach, group.terms), plan.weights)
+    forms = *plan.weights.shape, group.orders, group.terms, 2 if group.close else 1
     add_lines(paths, sensor, sweep, weights, tuple((0,) * form for form in forms), grid)
 
 

@@ -34,8 +34,11 @@ small and with them the rounding, small cuts keep the fit."""
 ROUNDING = 1e-7
 """Of a value at a node: float32 phasors and products."""
 MOST_TAPS = 48
-FEW_TERMS, MANY_TERMS = 4, 10
-"""Of the polynomial in an element's own Doppler. Few serve whatever is not close."""
+FEWEST_TERMS, MANY_TERMS = 4, 10
+"""Of the polynomial in an element's own Doppler."""
+FAR_REACH = 0.13
+"""Doppler of an element beyond its centre's [cycles a frame] up to which as few terms are taken as serve: four at a
+tolerance of 1e-3, six at 1e-6."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +119,7 @@ def _slow_signals(extra: float, eta: Float64[np.ndarray, " points"]) -> Complex1
     return np.exp(2j * np.pi * np.concatenate(phases, axis=1))
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def element_reach(terms: int, error: float, half: float) -> float:
     """The largest Doppler of an element beyond its centre's [cycles a frame] at which a polynomial of so many terms
     keeps ``error``, as a root mean square over the frame."""
@@ -125,6 +128,13 @@ def element_reach(terms: int, error: float, half: float) -> float:
         middle = 0.5 * (least + most)
         least, most = (middle, most) if shift_error_rms(eta, middle, terms) <= error else (least, middle)
     return least
+
+
+@lru_cache(maxsize=8)
+def few_terms(error: float, half: float) -> int:
+    """The fewest terms that keep ``error`` up to FAR_REACH."""
+    serve = (terms for terms in range(FEWEST_TERMS, MANY_TERMS) if element_reach(terms, error, half) >= FAR_REACH)
+    return next(serve, MANY_TERMS)
 
 
 @lru_cache(maxsize=32)

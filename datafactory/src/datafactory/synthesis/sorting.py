@@ -19,11 +19,11 @@ from jaxtyping import Bool, Int64
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.motion import Recording, centre, left_out, motion_of, moving, reach_m
 from datafactory.synthesis.slow_time import (
-    FEW_TERMS,
     LINE_OVERSAMPLING,
     MANY_TERMS,
     LineWeights,
     element_reach,
+    few_terms,
     line_weights,
 )
 from shared.physics.units import SPEED_OF_LIGHT
@@ -56,12 +56,14 @@ class PathsAlongLines:
 
     :param orders: 1 to 3, see :mod:`datafactory.synthesis.lines`
     :param close: whether their elements have a curvature of their own
+    :param terms: of the polynomial in an element's own Doppler
     """
 
     weights: LineWeights
     orders: int
     paths: PathTable
     close: bool
+    terms: int
 
 
 @dataclass(frozen=True)
@@ -116,9 +118,11 @@ def sorted_paths(paths: PathTable, recording: Recording) -> SortedPaths:
             paths, scattered=paths.scattered.take(scattered == need), specular=paths.specular.take(specular == need)
         )
 
+    few = few_terms(VIEW_SHARE * recording.tolerance, recording.half)
+    kinds = (False, few), (True, few), (True, MANY_TERMS)
     wanted = np.union1d(scattered, specular)
     lines = tuple(
-        PathsAlongLines(sets[need // FORMS][1], need % ORDERS + 1, chosen(need), need % FORMS >= ORDERS)
+        PathsAlongLines(sets[need // FORMS][1], need % ORDERS + 1, chosen(need), *kinds[need % FORMS // ORDERS])
         for need in wanted[(wanted >= 0) & (wanted < BY_CHIRPS)].tolist()
     )
     return SortedPaths(chosen(STANDING), lines, chosen(BY_CHIRPS))
@@ -126,8 +130,11 @@ def sorted_paths(paths: PathTable, recording: Recording) -> SortedPaths:
 
 ORDERS = 3
 """Most separable terms."""
-FORMS = 2 * ORDERS
-"""Of the terms, by orders and by whether a path is close."""
+MOST_ARE_CLOSE = 1e-4
+"""Tolerance below which most paths are close: few terms where they serve take a fifth off the cube's time at 1e-6. At
+larger ones they would take nothing off, and add two forms of the kernel, of three seconds each to compile."""
+FORMS = 3 * ORDERS
+"""By orders, for paths that are not close, that are close, and that are close and need many terms."""
 STANDING, BY_CHIRPS = -1, FORMS * len(EXTRAS)
 """Needs that are not FORMS times the index of a set of line weights, plus the form."""
 
@@ -141,7 +148,8 @@ def _needs(
         radar, array, tolerance = recording.radar, recording.array, recording.tolerance
         start = radar.waveform.chirps // 2 * radar.waveform.chirp_interval_s
         tx_reach, limits = reach_m(array.tx), [limit for limit, _ in sets]
-        few, many = (element_reach(terms, VIEW_SHARE * tolerance, recording.half) for terms in (FEW_TERMS, MANY_TERMS))
+        view = VIEW_SHARE * tolerance, recording.half
+        few, many = (element_reach(terms, *view) for terms in (few_terms(*view), MANY_TERMS))
         widest, form = np.zeros(len(paths), dtype=np.int64), np.zeros(len(paths), dtype=np.int64)
         crowded = np.zeros(len(paths), dtype=bool)
         for block in recording.rx_blocks():
@@ -151,7 +159,9 @@ def _needs(
             motion = motion_of(paths, (centre(array.tx), centre(rx)), start, recording)
             out = left_out(motion, reaches, recording)
             limit = BEND_SHARE * tolerance - _video_phase_error(motion.doppler, radar)
-            kept = np.concatenate([(out.far <= limit) & (out.view <= few), (out.close <= limit) & (out.view <= many)])
+            far, close = out.far <= limit, out.close <= limit
+            few_serve = (out.view <= few) & (tolerance < MOST_ARE_CLOSE)
+            kept = np.concatenate([far & (out.view <= few), close & few_serve, close & (out.view <= many)])
             kept &= np.abs(motion.bend[1]) <= 12.0 * RANGE_SLACK_BINS
             widest = np.maximum(widest, np.searchsorted(limits, out.extra))
             form = np.maximum(form, np.where(kept.any(axis=0), kept.argmax(axis=0), FORMS))
