@@ -10,8 +10,9 @@ from jaxtyping import Float64, Int64
 from shared.physics.compiled import compiled, inlined
 from shared.physics.cycles import single_phasor
 
-PRODUCT_FRAMES = 8
-"""Frames of one matrix product; batches are filled up with zeros."""
+PRODUCT_FRAMES = 4
+"""Frames of one matrix product; batches are filled up with zeros. OpenBLAS treats its eight rows alike on the kinds of
+processor that were tried; of sixteen its kernels for Haswell, which Zen has too, give some rows other last bits."""
 
 
 class Pairs(NamedTuple):
