@@ -118,8 +118,7 @@ def sorted_paths(paths: PathTable, recording: Recording) -> SortedPaths:
             paths, scattered=paths.scattered.take(scattered == need), specular=paths.specular.take(specular == need)
         )
 
-    few = few_terms(VIEW_SHARE * recording.tolerance, recording.half)
-    kinds = (False, few), (True, few), (True, MANY_TERMS)
+    kinds = _kinds(recording)
     wanted = np.union1d(scattered, specular)
     lines = tuple(
         PathsAlongLines(sets[need // FORMS][1], need % ORDERS + 1, chosen(need), *kinds[need % FORMS // ORDERS])
@@ -134,9 +133,16 @@ MOST_ARE_CLOSE = 1e-4
 """Tolerance below which most paths are close: few terms where they serve take a fifth off the cube's time at 1e-6. At
 larger ones they would take nothing off, and add two forms of the kernel, of three seconds each to compile."""
 FORMS = 3 * ORDERS
-"""By orders, for paths that are not close, that are close, and that are close and need many terms."""
+"""Orders of each of :func:`_kinds`, at most."""
 STANDING, BY_CHIRPS = -1, FORMS * len(EXTRAS)
 """Needs that are not FORMS times the index of a set of line weights, plus the form."""
+
+
+def _kinds(recording: Recording) -> tuple[tuple[bool, int], ...]:
+    """Whether paths are close, and terms of the polynomial in an element's own Doppler; cheap to dear."""
+    few = few_terms(VIEW_SHARE * recording.tolerance, recording.half)
+    far, many = (False, few), (True, MANY_TERMS)
+    return (far, (True, few), many) if recording.tolerance < MOST_ARE_CLOSE else (far, many)
 
 
 def _needs(
@@ -148,8 +154,9 @@ def _needs(
         radar, array, tolerance = recording.radar, recording.array, recording.tolerance
         start = radar.waveform.chirps // 2 * radar.waveform.chirp_interval_s
         tx_reach, limits = reach_m(array.tx), [limit for limit, _ in sets]
-        view = VIEW_SHARE * tolerance, recording.half
-        few, many = (element_reach(terms, *view) for terms in (few_terms(*view), MANY_TERMS))
+        kinds = [
+            (close, element_reach(terms, VIEW_SHARE * tolerance, recording.half)) for close, terms in _kinds(recording)
+        ]
         widest, form = np.zeros(len(paths), dtype=np.int64), np.zeros(len(paths), dtype=np.int64)
         crowded = np.zeros(len(paths), dtype=bool)
         for block in recording.rx_blocks():
@@ -159,9 +166,9 @@ def _needs(
             motion = motion_of(paths, (centre(array.tx), centre(rx)), start, recording)
             out = left_out(motion, reaches, recording)
             limit = BEND_SHARE * tolerance - _video_phase_error(motion.doppler, radar)
-            far, close = out.far <= limit, out.close <= limit
-            few_serve = (out.view <= few) & (tolerance < MOST_ARE_CLOSE)
-            kept = np.concatenate([far & (out.view <= few), close & few_serve, close & (out.view <= many)])
+            kept = np.concatenate(
+                [((out.close if close else out.far) <= limit) & (out.view <= reach) for close, reach in kinds]
+            )
             kept &= np.abs(motion.bend[1]) <= 12.0 * RANGE_SLACK_BINS
             widest = np.maximum(widest, np.searchsorted(limits, out.extra))
             form = np.maximum(form, np.where(kept.any(axis=0), kept.argmax(axis=0), FORMS))
