@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 import pyarrow as pa
 
 from datafactory.frame.measurement import Hook
-from datafactory.run.job import Job
+from datafactory.run.portions import Job
 
 DEADLY = 7
 """A frame."""

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from datafactory.accuracy.knobs import Effort, Menu, Sample
 from datafactory.effects.catalogue import ALL
-from datafactory.run.order import Order
-from datafactory.run.preparation import prepare
+from datafactory.run.preparation import Order, prepare
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose
 from shared.radar import Radar

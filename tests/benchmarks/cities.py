@@ -28,8 +28,7 @@ from prepared_scenes import prepared_scene
 from datafactory.effects.catalogue import ALL
 from datafactory.frame.chain import ChainSettings, SceneSource, make_frames
 from datafactory.paths.solver import TraceSettings
-from datafactory.run.order import Order
-from datafactory.run.preparation import prepare
+from datafactory.run.preparation import Order, prepare
 from datafactory.scenes.city.city import write_city
 from datafactory.scenes.city.rules import Style
 from datafactory.scenes.ground import HeightMap, height_map

@@ -26,7 +26,7 @@ from numpy_bytes import npz, of_array
 
 from datafactory.frame.points import read_targets
 from datafactory.paths.storage import read_paths
-from datafactory.run.order import stored_paths
+from datafactory.run.preparation import stored_paths
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import read_poses
 from datafactory.scenes.readers.open import open_scene

@@ -28,7 +28,7 @@ from pydantic import BaseModel
 
 from datafactory.inspection.dataset import summarise
 from datafactory.paths.storage import read_paths
-from datafactory.run.order import stored_paths
+from datafactory.run.preparation import stored_paths
 from shared.dataset.documents import MADE
 from shared.dataset.folder import open_dataset, verify
 from shared.dataset.reading import read_frame

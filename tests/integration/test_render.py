@@ -16,7 +16,7 @@ from datafactory.api.asking import order_of
 from datafactory.api.forecasting import forecast
 from datafactory.api.options import OrderOptions
 from datafactory.frame.chain import FRAMES_WITH
-from datafactory.frame.index import frame_seed
+from datafactory.frame.deal import frame_seed
 from datafactory.inspection.dataset import MEANINGS
 from datafactory.run import portions
 from datafactory.run.progress import claimed
@@ -170,7 +170,7 @@ def test_one_job_works_in_a_folder(radar_file, tmp_path):
 
 SCRIPT = """
 from pathlib import Path
-from datafactory.run.order import Order
+from datafactory.run.preparation import Order
 from datafactory.run.pipeline import render
 from datafactory.run.pipeline import Execution
 from datafactory.scenes.materials.table import load_materials

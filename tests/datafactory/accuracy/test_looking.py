@@ -36,8 +36,8 @@ from datafactory.frame.chain import ChainSettings
 from datafactory.frame.measurement import Processing
 from datafactory.paths.density import cell_power
 from datafactory.paths.solver import TraceSettings
-from datafactory.run.order import Order
 from datafactory.run.pipeline import Execution, render
+from datafactory.run.preparation import Order
 from datafactory.scenes.materials.table import load_materials
 from shared.dataset.folder import open_dataset
 from shared.physics.errors import InputError

@@ -15,8 +15,7 @@ from prepared_scenes import EFFECT_SCENES, prepared_scene
 from datafactory.defaults import DEFAULT_BUDGET_DB
 from datafactory.effects import proof
 from datafactory.effects.catalogue import ALL, DESCRIPTIONS, NAMES, NO_CHOICE, PATH_EFFECTS, EffectSet, parse_effects
-from datafactory.effects.losses import FLOOR_DB, Loss
-from datafactory.effects.plan import FramePlan, plan_of_frame, plan_of_scene
+from datafactory.effects.plan import FLOOR_DB, FramePlan, Loss, plan_of_frame, plan_of_scene
 from datafactory.frame.chain import ChainSettings, SceneSource, make_frames
 from datafactory.frame.deal import Deal, DealtFrame, PreparedScene
 from datafactory.frame.measurement import Processing

@@ -11,10 +11,20 @@ import pytest
 from prepared_scenes import SCENES
 from town_scenes import BUILDINGS, PLATE
 
-from datafactory.frame.deal import NEIGHBOURS_M, Deal, StoredRow, dealt
-from datafactory.frame.index import drawn_scene, frame_seed, generator, parse_split_pattern, sequence_seed, split_of
+from datafactory.frame.deal import (
+    NEIGHBOURS_M,
+    Deal,
+    StoredRow,
+    dealt,
+    drawn_scene,
+    frame_seed,
+    generator,
+    parse_split_pattern,
+    sequence_seed,
+    split_of,
+)
 from datafactory.frame.points import PointTargets
-from datafactory.run.order import Order
+from datafactory.run.preparation import Order
 from datafactory.scenes.drives import Drives
 from datafactory.scenes.ground import free_ground
 from datafactory.scenes.poses import Pose, sample_pose

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from datafactory.cli.app import app
 from datafactory.cli.inspection import inspect
-from datafactory.frame.index import split_of
+from datafactory.frame.deal import split_of
 from datafactory.inspection import pictures as made
 from datafactory.inspection.dataset import summarise
 from datafactory.inspection.pictures import LARGEST_BYTES, draw_frame, sequences_of, write_animations, write_pictures

@@ -16,11 +16,10 @@ from small_radar import SMALL_RADAR
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
-from datafactory.frame.index import split_of
+from datafactory.frame.deal import split_of
 from datafactory.run import merging
-from datafactory.run.array_job import ArrayJob, JobEntry, is_job_folder, parse_job
 from datafactory.run.merging import ranges
-from datafactory.run.shards import PATHS, plan_shards
+from datafactory.run.shards import PATHS, ArrayJob, JobEntry, is_job_folder, parse_job, plan_shards
 from shared.dataset.documents import sealed
 from shared.dataset.folder import open_dataset, read_manifest, verify
 from shared.physics.errors import InputError

@@ -11,10 +11,9 @@ from factory_command import but_made, shards
 from sionna_scenes import box
 
 from datafactory import Report, RunFailed, render
-from datafactory.frame.index import split_of
+from datafactory.frame.deal import split_of
 from datafactory.run import pipeline, portions
-from datafactory.run.job import Rows
-from datafactory.run.portions import Local
+from datafactory.run.portions import Local, Rows
 from datafactory.run.preparation import _late_poses
 from datafactory.run.progress import FOLDER, handed_over
 from datafactory.run.shards import MOST_FRAMES, PATHS, Portion, plan_shards, portions_of

@@ -26,8 +26,7 @@ from datafactory.accuracy.power import Errors, Kept, peak_error, power_error, re
 from datafactory.accuracy.prices import Choice, Prices, choose, measure_prices
 from datafactory.frame.deal import Deal
 from datafactory.paths.backend import select_variant, set_threads
-from datafactory.run.order import Order
-from datafactory.run.preparation import prepare
+from datafactory.run.preparation import Order, prepare
 from datafactory.scenes.materials.table import MaterialTable
 from shared.dataset.folder import open_dataset, read_manifest
 from shared.dataset.locations import Location

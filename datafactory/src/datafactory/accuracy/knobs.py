@@ -17,7 +17,7 @@ from datafactory.frame.deal import DealtFrame, PreparedScene
 from datafactory.paths.storage import TracedFrame
 from datafactory.paths.table import PathTable
 from datafactory.paths.thinning import UNPRUNED_DB
-from datafactory.run.order import Order
+from datafactory.run.preparation import Order
 from shared.dataset import STORES
 from shared.radar import Radar
 

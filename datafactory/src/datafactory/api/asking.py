@@ -31,14 +31,13 @@ from datafactory.defaults import (
 )
 from datafactory.effects.catalogue import parse_effects
 from datafactory.frame.chain import ChainSettings
-from datafactory.frame.deal import StoredRow
-from datafactory.frame.index import parse_split_pattern
+from datafactory.frame.deal import StoredRow, parse_split_pattern
 from datafactory.frame.measurement import Processing
 from datafactory.frame.points import PointTargets, read_targets
 from datafactory.paths.backend import cuda_device
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.card import stated_licence
-from datafactory.run.order import Order, stored_paths
+from datafactory.run.preparation import Order, stored_paths
 from datafactory.scenes.drives import WORD, Drives, parse_drives
 from datafactory.scenes.materials.table import MaterialTable, load_materials
 from datafactory.scenes.poses import Pose, Speeds, checked_speeds, parse_speeds, read_poses

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 from datafactory.defaults import CPU
 from datafactory.frame.deal import dealt
-from datafactory.run.array_job import parse_job
 from datafactory.run.memory import (
     CLOSE_TARGETS,
     STREETS,
@@ -22,9 +21,8 @@ from datafactory.run.memory import (
     processes,
     statement,
 )
-from datafactory.run.order import Order
-from datafactory.run.preparation import load_of, opened_scenes
-from datafactory.run.shards import plan_shards
+from datafactory.run.preparation import Order, load_of, opened_scenes
+from datafactory.run.shards import parse_job, plan_shards
 from shared.dataset.locations import Location, RemotePath
 from shared.processes.machine import usable_memory
 

@@ -18,10 +18,10 @@ from datafactory.api.declared import common, taking
 from datafactory.api.options import ConvertOptions, MergeOptions, OrderOptions, Progress, RenderOptions, TraceOptions
 from datafactory.defaults import AUTO_DEVICE, CPU, CUDA, LOCAL
 from datafactory.run import merging, pipeline
-from datafactory.run.array_job import OPTION, parse_job
-from datafactory.run.order import Order
 from datafactory.run.pipeline import Execution, Report
 from datafactory.run.portions import opened
+from datafactory.run.preparation import Order
+from datafactory.run.shards import OPTION, parse_job
 from datafactory.scenes.materials.table import MaterialTable
 from datafactory.scenes.scene import Scene
 from shared.dataset.folder import open_dataset

@@ -17,8 +17,7 @@ from datafactory.effects.plan import EffectPlan, plan_of_frame, plan_of_scene
 from datafactory.effects.proof import Proof, costs, prove
 from datafactory.frame.deal import DealtFrame, PreparedScene
 from datafactory.paths.backend import select_variant, set_threads
-from datafactory.run.order import Order
-from datafactory.run.preparation import prepare
+from datafactory.run.preparation import Order, prepare
 from shared.physics.errors import Told
 
 MOST_FRAMES = 8

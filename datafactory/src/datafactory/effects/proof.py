@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.effects.catalogue import ALL, NAMES, NO_CHOICE, EffectSet
-from datafactory.effects.losses import FLOOR_DB
-from datafactory.effects.plan import EffectPlan
+from datafactory.effects.plan import FLOOR_DB, EffectPlan
 from datafactory.frame.chain import (
     ChainSettings,
     SceneSource,

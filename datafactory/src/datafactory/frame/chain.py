@@ -16,9 +16,8 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 
 from datafactory.defaults import CPU, IMAGE_BATCH
-from datafactory.frame.deal import DealtFrame, PreparedScene, StoredRow
+from datafactory.frame.deal import DealtFrame, PreparedScene, StoredRow, generator
 from datafactory.frame.decision import Decided, doppler_called_for, path_effects
-from datafactory.frame.index import generator
 from datafactory.frame.measurement import (
     FrameIdentity,
     Hook,

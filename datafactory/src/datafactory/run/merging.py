@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 from datafactory.defaults import LOCAL
-from datafactory.run.array_job import ARGUMENT, ENTRY, ArrayJob, JobEntry, is_job_folder, parse_job
 from datafactory.run.memory import free_bytes
 from datafactory.run.pipeline import Report, total_counts
 from datafactory.run.progress import (
@@ -31,7 +30,7 @@ from datafactory.run.progress import (
     is_whole,
     record_finished,
 )
-from datafactory.run.shards import ShardPlan, provenance
+from datafactory.run.shards import ARGUMENT, ENTRY, ArrayJob, JobEntry, ShardPlan, is_job_folder, parse_job, provenance
 from shared.dataset.documents import MADE
 from shared.dataset.folder import MANIFEST
 from shared.dataset.manifest import ShardRecord, read_manifest, shard_records

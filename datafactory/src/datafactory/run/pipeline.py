@@ -14,14 +14,11 @@ from dataclasses import dataclass, field, replace
 from datafactory.defaults import LOCAL
 from datafactory.effects.catalogue import ALL
 from datafactory.paths.trace import find_shapes
-from datafactory.run.array_job import ARGUMENT, ENTRY, ArrayJob, JobEntry
-from datafactory.run.job import PortionWork
 from datafactory.run.memory import processes_ahead, require_room, workers_for
-from datafactory.run.order import Order
-from datafactory.run.portions import Engine, Local, Writer, deal_out
-from datafactory.run.preparation import Recipe, load_of, opened_scenes, prepare
+from datafactory.run.portions import Engine, Local, PortionWork, Writer, deal_out
+from datafactory.run.preparation import Order, Recipe, load_of, opened_scenes, prepare
 from datafactory.run.progress import FinishedShard, begin, claimed, completed, fingerprint, finish, handed_over
-from datafactory.run.shards import portions_of, provenance
+from datafactory.run.shards import ARGUMENT, ENTRY, ArrayJob, JobEntry, portions_of, provenance
 from datafactory.scenes.materials.table import MaterialTable
 from shared.dataset import VERSION
 from shared.dataset.locations import Location

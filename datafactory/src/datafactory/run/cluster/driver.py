@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from datafactory.run.cluster.node import difference, look_around, make_portion, processor, surroundings, unlike
-from datafactory.run.job import Rows, new_file
+from datafactory.run.portions import Rows, new_file
 from datafactory.run.shards import Portion
 from shared.physics.errors import InputError
 from shared.processes.pool import end_with_parent

@@ -17,8 +17,7 @@ import cloudpickle
 
 from datafactory.run.cluster.driver import PROBE_S, Begin, Connect, Connected, Look, Reached
 from datafactory.run.cluster.node import Given, surroundings_of
-from datafactory.run.job import PortionWork, Rows
-from datafactory.run.portions import RunFailed
+from datafactory.run.portions import PortionWork, Rows, RunFailed
 from datafactory.run.shards import Portion
 from shared.dataset.locations import absolute
 from shared.physics.errors import InputError

@@ -20,7 +20,7 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import UInt8
 
-from datafactory.run.job import PortionWork
+from datafactory.run.portions import PortionWork
 from datafactory.run.shards import PACKAGES, Portion
 from shared.dataset.locations import file_size
 from shared.physics.errors import InputError
