@@ -24,7 +24,7 @@ from shared.radar.waveform import Waveform
 
 LIGHT_MPS = 299_792_458.0
 SPEEDS_MPS = np.array([0.0, 0.02, 0.1, 0.35, 1.0, 3.3, 7.0, 11.0])
-WAVEFORM = Waveform()
+RADAR, WAVEFORM = Radar(), Waveform()
 FINER = 16
 """How much finer than its bins a spectrum is sampled by the references."""
 
@@ -43,20 +43,19 @@ def response_change(phase_cycles: np.ndarray) -> float:
     return float(np.abs(kernel @ (hann(count) * (np.exp(2j * np.pi * phase_cycles) - 1.0))).max())
 
 
-def test_the_change_by_doppler_is_that_of_128_windowed_chirps() -> None:
-    """Each chirp's phase 2 v t / lambda, t from mid-frame, against none at all."""
-    time_s = (np.arange(WAVEFORM.chirps) - WAVEFORM.chirps / 2) * WAVEFORM.chirp_interval_s
+@pytest.mark.parametrize(
+    ("change", "count", "duration_s"),
+    [
+        (changes.doppler_change, WAVEFORM.chirps, WAVEFORM.chirps * WAVEFORM.chirp_interval_s),
+        (changes.intra_chirp_change, WAVEFORM.samples, WAVEFORM.chirp_duration_s),
+    ],
+)
+def test_the_change_by_motion_is_that_of_windowed_chirps_and_samples(change, count: int, duration_s: float) -> None:
+    """Their phases 2 v t / lambda, t from mid-frame of chirps, from mid-sweep of samples, against none at all."""
+    time_s = (np.arange(count) / count - 0.5) * duration_s
     slow = [response_change(2.0 * speed * time_s / WAVEFORM.wavelength_m) for speed in SPEEDS_MPS]
     for sign in (1.0, -1.0):
-        fast = changes.doppler_change(sign * SPEEDS_MPS, WAVEFORM)
-        np.testing.assert_allclose(fast, slow, rtol=5e-3, atol=1e-12)
-
-
-def test_the_change_by_motion_within_the_chirp_is_that_of_its_samples() -> None:
-    """The same phase over one chirp, t from mid-sweep."""
-    time_s = (np.arange(WAVEFORM.samples) / WAVEFORM.samples - 0.5) * WAVEFORM.chirp_duration_s
-    slow = [response_change(2.0 * speed * time_s / WAVEFORM.wavelength_m) for speed in SPEEDS_MPS]
-    np.testing.assert_allclose(changes.intra_chirp_change(SPEEDS_MPS, WAVEFORM), slow, rtol=5e-3, atol=1e-12)
+        np.testing.assert_allclose(change(sign * SPEEDS_MPS, WAVEFORM), slow, rtol=5e-3, atol=1e-12)
 
 
 def test_the_change_by_range_migration_is_that_of_the_sum_over_chirps_and_samples() -> None:
@@ -105,13 +104,15 @@ def image_changes(table: PathTable, radar: Radar) -> np.ndarray:
     return np.array(found)
 
 
-def test_the_change_by_plane_waves_bounds_that_of_the_full_array_s_image() -> None:
+def test_the_change_by_plane_waves_bounds_that_of_the_full_array_s_image(monkeypatch) -> None:
     radar, table = Radar(), a_table(np.random.default_rng(5))
     actual = image_changes(table, radar)
     bound = changes.plane_wave_change(table, radar.array, radar.waveform.wavelength_m)
     assert np.all(actual <= bound * (1.0 + 1e-9))
     # A beam cannot gather all of the error, but a good part: 2.6 to 5.3 dB less over three such tables.
     assert np.all(actual >= 0.5 * bound)
+    monkeypatch.setattr(changes, "BLOCK", 3)
+    np.testing.assert_allclose(changes.plane_wave_change(table, radar.array, radar.waveform.wavelength_m), bound)
 
 
 def test_range_rates_are_half_of_the_paths_rates(generator) -> None:
@@ -126,13 +127,6 @@ def test_range_rates_are_half_of_the_paths_rates(generator) -> None:
     ]
     rates = 0.5 * LIGHT_MPS * np.abs(np.diff(delays, axis=0)) / half_s
     np.testing.assert_allclose(changes.range_rates_mps(table, WAVEFORM), rates.max(axis=0), rtol=1e-6, atol=1e-6)
-
-
-def test_the_change_by_plane_waves_is_the_same_block_by_block(generator, monkeypatch) -> None:
-    radar, table = Radar(), a_table(generator)
-    whole = changes.plane_wave_change(table, radar.array, radar.waveform.wavelength_m)
-    monkeypatch.setattr(changes, "BLOCK", 3)
-    np.testing.assert_allclose(changes.plane_wave_change(table, radar.array, radar.waveform.wavelength_m), whole)
 
 
 def test_the_change_by_the_pattern_is_that_of_the_illuminated_amplitudes(generator) -> None:
@@ -150,7 +144,6 @@ def test_the_change_by_the_pattern_is_that_of_the_illuminated_amplitudes(generat
     np.testing.assert_allclose(changes.pattern_change(table, radar), expected, rtol=1e-9)
 
 
-RADAR = Radar()
 WINDOW = "taylor-30"
 
 
@@ -188,13 +181,10 @@ def test_the_cases_above_decide_both_ways() -> None:
     assert not doppler_called_for(slow, RADAR, WINDOW, limit)
     assert doppler_called_for(slow, RADAR, WINDOW, 0.0)
     assert doppler_called_for(fast, RADAR, WINDOW, limit)
-
-
-@pytest.mark.parametrize("limit_w", [0.0, 1e-12])
-def test_a_standing_frame_is_standing_whatever_the_limit(limit_w: float, generator: np.random.Generator) -> None:
-    assert not doppler_called_for(a_street(generator, 0.0, 2.0), RADAR, WINDOW, limit_w)
-    one_chirp = RADAR.of_one_chirp
-    assert not doppler_called_for(a_street(generator, 5.0, 2.0), one_chirp, WINDOW, limit_w)
+    # A standing frame is standing whatever the limit, and so is one of one chirp.
+    for limit_w in (0.0, 1e-12):
+        assert not doppler_called_for(a_street(np.random.default_rng(3), 0.0, 2.0), RADAR, WINDOW, limit_w)
+        assert not doppler_called_for(fast, RADAR.of_one_chirp, WINDOW, limit_w)
 
 
 def test_rows_stay_with_their_candidates_and_panes_take_with_them_what_they_let_through() -> None:
@@ -222,12 +212,10 @@ def test_a_frame_has_an_effect_where_a_path_of_it_is_left() -> None:
     assert {name for name, on in path_effects(PathTable(rough)).items() if on} == {"diffuse"}
     twice = replace(rough, depth=np.array([2], np.int8))
     assert {name for name, on in path_effects(PathTable(twice)).items() if on} == {"diffuse", "multi_bounce"}
-    assert not any(path_effects(PathTable(ScatteredPaths.none())).values())
-
-
-def test_every_effect_is_decided_in_one_place() -> None:
+    none = path_effects(PathTable(ScatteredPaths.none()))
+    assert not any(none.values())
+    assert sorted(none) == sorted(PATH_EFFECTS)
     assert sorted((*PATH_EFFECTS, *SIGNAL_EFFECTS)) == sorted(NAMES)
-    assert sorted(path_effects(PathTable(ScatteredPaths.none()))) == sorted(PATH_EFFECTS)
 
 
 @pytest.mark.parametrize("name", SIGNAL_EFFECTS)
@@ -252,11 +240,8 @@ def test_a_box_and_a_target_at_one_place_agree_at_mid_frame() -> None:
     assert box.center[1] / range_m == pytest.approx(target.u, abs=1e-12)
     assert np.dot(box.center, box.velocity) / range_m == pytest.approx(target.velocity_mps, abs=1e-12)
     assert (box.size, box.class_name, box.object, box.yaw) == (CAR.size, "car", "/Car", 0.0)
-
-
-def test_yaw_is_the_heading_in_the_radar_frame() -> None:
     turned = replace(CAR, forward=(0.0, -1.0, 0.0), left=(1.0, 0.0, 0.0))
-    ((box,), _) = boxes_of([turned], NOTHING, RADAR)
+    ((box,), _) = boxes_of([turned], NOTHING, RADAR)  # yaw is the heading in the radar frame
     assert box.yaw == pytest.approx(-np.pi / 2)
 
 

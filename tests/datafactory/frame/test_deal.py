@@ -41,7 +41,7 @@ def test_every_eight_frames_are_six_one_one() -> None:
     assert [split_of(index, "0:2:1") for index in range(4)] == ["validation", "validation", "test", "validation"]
 
 
-@pytest.mark.parametrize("pattern", ["6:1", "6:1:1:1", "0:0:0", "-1:1:1", "a:b:c", "1.5:1:1", "", "²:1:1"])
+@pytest.mark.parametrize("pattern", ["6:1", "6:1:1:1", "0:0:0", "-1:1:1", "1.5:1:1", "", "²:1:1"])
 def test_a_bad_split_pattern_is_refused(pattern: str) -> None:
     with pytest.raises(InputError, match=r"--split: .* expected train:validation:test as three whole numbers"):
         parse_split_pattern(pattern)
@@ -59,8 +59,7 @@ def test_every_split_gets_every_scene_alike(scenes: int, pattern: str) -> None:
     assert [drawn_scene(index, scenes, pattern) for index in range(scenes)] == list(range(scenes))
 
 
-@pytest.mark.parametrize("scenes", [1, 2, 3, 4, 5])
-@pytest.mark.parametrize("pattern", ["6:1:1", "3:1:0"])
+@pytest.mark.parametrize(("scenes", "pattern"), [(1, "6:1:1"), (4, "6:1:1"), (3, "3:1:0")])
 def test_the_frames_of_all_scenes_are_all_frames_once(scenes: int, pattern: str) -> None:
     deal = Deal(split=pattern, scenes=scenes, frames=64, points=3)
     frames = [frame_id for scene in range(scenes) for frame_id in deal.frames_of(scene)]
@@ -83,6 +82,9 @@ def test_a_stored_row_is_believed() -> None:
     assert deal.frames_of(1) == (0, 1)
     assert deal.frame(0).pose is None
     assert (deal.frame(3).kind, deal.frame(3).scene) == ("points", -1)
+    deal = Deal(split="1:0:1", scenes=1, stored=rows((0, 0), (0, 0), (0, 1), (0, -1)))
+    assert deal.splits() == ("train", "train", "test", "test")
+    assert [deal.frame(index).sequence for index in range(4)] == [0, 0, 1, -1]
 
 
 def test_a_drawn_pose_is_of_its_scene_split_and_seed() -> None:
@@ -136,7 +138,7 @@ def test_frames_follow_their_tracks() -> None:
     assert len(deal) == 10
     frames = [deal.frame(index) for index in range(8)]
     assert [frame.sequence for frame in frames] == [0, 0, 0, 1, 2, 2, 2, 2]
-    assert [frame.pose for frame in frames] == [pose for each in tracks for pose in each]
+    assert [frame.pose for frame in frames] == [pose for each in tracks for pose in each] == list(deal.given)
     assert [frame.scene for frame in frames] == [0, 0, 0, 1, 0, 0, 0, 0]
     assert deal.frames_of(0) == (0, 1, 2, 4, 5, 6, 7)
     assert [deal.frame(index).sequence for index in (8, 9)] == [-1, -1]
@@ -162,17 +164,9 @@ def test_frames_of_a_track_share_rays_and_cycles_and_have_noise_of_their_own() -
     assert one.target_seed() == two.target_seed() != other.target_seed()
     assert [one.seed, two.seed] == [frame_seed(4, 0), frame_seed(4, 1)]
     assert one.with_rays(1).rays() == two.with_rays(1).rays() != one.rays()
-
-
-def test_a_sequence_s_seed_is_no_frame_s() -> None:
+    # A sequence's seed is no frame's.
     assert not {sequence_seed(0, n) for n in range(200)} & {frame_seed(0, n) for n in range(200)}
     assert sequence_seed(0, 1) != sequence_seed(1, 1)
-
-
-def test_stored_rows_say_their_sequence() -> None:
-    deal = Deal(split="1:0:1", scenes=1, stored=rows((0, 0), (0, 0), (0, 1), (0, -1)))
-    assert deal.splits() == ("train", "train", "test", "test")
-    assert [deal.frame(index).sequence for index in range(4)] == [0, 0, 1, -1]
 
 
 def order(**values: object) -> Order:
@@ -205,9 +199,3 @@ def test_tracks_of_different_splits_that_meet_are_told() -> None:
     deal = Deal(split="1:0:1", scenes=1, tracks=(track(5), track(5, near), track(5, far)), track_scenes=(0, 0, 0))
     assert deal.remarks() == ["sequences 0 (train) and 1 (test) come within 5.0 m of each other"]
     assert Deal(split="1:0:0", scenes=1, tracks=deal.tracks, track_scenes=(0, 0, 0)).remarks() == []
-
-
-def test_the_order_knows_its_frames() -> None:
-    assert order(frames=4).scene_frames == 4
-    assert order(tracks=(track(3), track(2))).scene_frames == 5
-    assert order(tracks=(track(3), track(2))).given == (*track(3), *track(2))

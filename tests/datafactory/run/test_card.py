@@ -54,15 +54,12 @@ def test_without_a_licence_the_card_says_so(tmp_path: Path) -> None:
     assert "license" not in json.loads((tmp_path / "data" / "manifest.json").read_text())["arguments"]
 
 
-def test_every_column_has_a_line_with_its_meaning(dataset: Path) -> None:
+def test_columns_scenes_effects_and_licences_are_told(dataset: Path) -> None:
     text = (dataset / "README.md").read_text(encoding="utf-8")
     for field in arrow_schema(open_dataset(dataset).description()):
         assert f"| `{field.name}` |" in text
         assert COLUMNS[field.name] in text
     assert "3 x 40 x 48 x 2 (Doppler peak, range, channel, re/im)" in text
-
-
-def test_scenes_effects_and_licences_are_told(dataset: Path) -> None:
     manifest = json.loads((dataset / "manifest.json").read_text())
     manifest["scenes"] = [
         {"name": "street", "content_sha256": "ab" * 32, "source": "shipped:street"},
@@ -75,9 +72,6 @@ def test_scenes_effects_and_licences_are_told(dataset: Path) -> None:
     assert "somebody" not in text  # where a file lay is nobody's business
     assert "| diffraction | 4 |" in text
     assert "- refraction: in none of the scene frames." in text
-
-
-def test_licences() -> None:
     assert hub_licence(stated_licence("odbl-1.0")) == ("odbl", None)
     assert hub_licence(stated_licence("LicenseRef-Ours")) == ("other", "licenseref-ours")
     assert hub_licence(stated_licence(None)) == ("unknown", None)
