@@ -51,9 +51,7 @@ def test_errors_have_a_finite_floor_and_a_scale() -> None:
     assert relative_l2(1.1 * one, one) == pytest.approx(0.1)
     assert peak_error(one + np.array([0.4, 0.0]), one) == pytest.approx(0.1)
     assert relative_l2(one, 0.0 * one) == 1.0
-
-
-def test_errors_leave_out_what_was_not_made() -> None:
+    # Of what was not made there is none.
     paths = Errors.of([], [], [1e-2, 1e-3])
     assert paths.measured() == {"power_db": -40.0} == {"power_db": paths.worst_db}
     assert str(paths) == "power in a cell -40.0 dB"
@@ -76,11 +74,10 @@ def test_reference_moments_are_those_of_the_whole_virtual_cube(radar, generator)
 
 
 def test_cell_power_keeps_the_power_of_every_path_in_range(samples, radar) -> None:
-    paths = samples[0].lit_paths(replace(DEFAULT, rays=2000))
-    inside = np.rint(paths.scattered.range_m() / radar.waveform.range_step_m) < radar.waveform.range_bins
-    images = np.rint(paths.specular.range_m() / radar.waveform.range_step_m) < radar.waveform.range_bins
-    expected = (np.abs(paths.scattered.amplitude[inside]) ** 2).sum()
-    expected += (np.abs(paths.specular.amplitude[images]) ** 2).sum()
+    paths, expected = samples[0].lit_paths(replace(DEFAULT, rays=2000)), 0.0
+    for kind in (paths.scattered, paths.specular):
+        inside = np.rint(kind.range_m() / radar.waveform.range_step_m) < radar.waveform.range_bins
+        expected += (np.abs(kind.amplitude[inside]) ** 2).sum()
     assert expected > 0.0
     assert cell_power(paths, radar, "taylor-30").sum() == pytest.approx(expected, rel=1e-12)
 
@@ -211,20 +208,14 @@ def test_a_budget_of_traced_paths_bounds_the_power_in_cells_alone(variant, radar
     assert abs(entry["achieved"]["power_db"] - entry["predicted"]["power_db"]) <= HONEST_DB
 
 
-def test_a_budget_needs_scenes(radar) -> None:
-    with pytest.raises(InputError, match="--error-budget"):
-        budget.settle(Order(radar=radar, points=3), load_materials(None), -30.0, MENU, print, lambda *a: None)
-
-
 @pytest.mark.parametrize(
     ("own", "chosen"),
-    [
-        (range(0), ()),
-        (range(5, 6), (5,)),
-        (range(2), (0, 1)),
-        (range(1, 100, 3), (1, 49, 97)),
-        (range(9), (0, 4, 8)),
-    ],
+    [(range(0), ()), (range(5, 6), (5,)), (range(2), (0, 1)), (range(1, 100, 3), (1, 49, 97)), (range(9), (0, 4, 8))],
 )
 def test_frames_that_are_looked_at_are_spread_over_the_run(own: range, chosen: tuple[int, ...]) -> None:
     assert first_middle_last(own) == chosen
+
+
+def test_a_budget_needs_scenes(radar) -> None:
+    with pytest.raises(InputError, match="--error-budget"):
+        budget.settle(Order(radar=radar, points=3), load_materials(None), -30.0, MENU, print, lambda *a: None)

@@ -103,12 +103,9 @@ def written_help(command: str) -> list[str]:
 def test_help_shows_every_text_as_it_is_written(command: str) -> None:
     result = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "400", "TERM": "dumb"})
     assert result.exit_code == 0
-    for text in written_help(command):
-        assert text in result.output
-
-
-def test_some_help_states_a_unit() -> None:
-    assert "[dB]" in " ".join(text for command in COMMANDS for text in written_help(command))
+    texts = written_help(command)
+    assert all(text in result.output for text in texts)
+    assert command != "plan" or "[dB]" in " ".join(texts)  # Rich would take it for markup
 
 
 def test_tables_and_lines_show_square_brackets_and_colons(
@@ -128,8 +125,7 @@ def test_tables_and_lines_show_square_brackets_and_colons(
 
 
 def test_the_version_is_that_of_the_distribution() -> None:
-    result = CliRunner().invoke(app, ["--version"])
-    assert (result.exit_code, result.output) == (0, f"datafactory {version('sparseradar-datafactory')}\n")
+    assert ended("--version")[:2] == (0, f"datafactory {version('sparseradar-datafactory')}\n")
 
 
 @pytest.mark.parametrize(

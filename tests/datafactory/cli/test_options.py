@@ -69,9 +69,6 @@ def test_a_value_is_refused_wherever_it_is_made(given: dict[str, object], messag
         with pytest.raises(InputError) as caught:
             make(**given)  # type: ignore[arg-type]
         assert str(caught.value) == message
-
-
-def test_what_a_function_does_not_take_is_its_own_error() -> None:
     with pytest.raises(TypeError, match=r"^got an unexpected keyword argument 'counts'"):
         drawn(counts=3)  # type: ignore[call-arg]
 
@@ -99,8 +96,4 @@ def test_help_begins_with_what_a_newcomer_needs() -> None:
     shown = re.findall(r"^│[ *]+(--[a-z-]+) ", page[: places[1]], re.MULTILINE)
     assert set(shown) == needed | {"--dry-run", "--verbose", "--help"}
     assert len(needed) == 8
-
-
-def test_every_option_of_the_command_is_one_of_the_function() -> None:
-    taken = set(inspect.signature(render).parameters)
-    assert {item.name for item in declared(RenderOptions)} == taken
+    assert {item.name for item in declared(RenderOptions)} == set(inspect.signature(render).parameters)
