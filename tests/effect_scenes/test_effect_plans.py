@@ -4,8 +4,8 @@ Of each scene the set is written down beforehand, and every frame decides for it
 is toggled in that set, and the result is simulated again: it changes by more than the frame's limit where the effect
 was on, and by less where it was off. What "changes" means is said in ``expected.json`` (``rules``): the power in a
 resolution cell for added paths, the response over its peak for how echoes are formed. The latter is decided by
-formulas, which ``tests/datafactory/frame/test_changes.py`` holds against slow sums. The scenes are the bytes that their
-script writes.
+formulas, which ``tests/datafactory/frame/test_decision.py`` holds against slow sums. The scenes are the bytes that
+their script writes.
 """
 
 from __future__ import annotations

@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from datafactory.api.options import AccuracyOptions, OrderOptions, PlanOptions
@@ -38,42 +36,40 @@ def plan(
     from datafactory.effects.plan import draw
     from shared.dataset.writing import write_json
 
-    console = Console(soft_wrap=True, highlight=False, stderr=as_json)
+    console = plain_console(stderr=as_json)
     with shown(console, transient=True) as advance:
-        told = {"announce": lambda line: console.print(line, markup=False), "progress": advance}
-        planned = plan_of(**{**vars(asked), **told})
+        planned = plan_of(**{**vars(asked), "announce": console.print, "progress": advance})
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         for number, item in enumerate(planned):
             name = "plan" if len(planned) == 1 else f"plan-{number}-{item.plan.scene}"
             write_json(out / f"{name}.json", item.to_json())
             draw(item.plan, item.seconds, out / f"{name}.png")
-            console.print(f"wrote {out / name}.json and {out / name}.png", markup=False)
+            console.print(f"wrote {out / name}.json and {out / name}.png")
     documents = [item.to_json() for item in planned]
     if as_json:
         print(json.dumps(documents[0] if len(documents) == 1 else documents, indent=2))
         return
     for item, document in zip(planned, documents, strict=True):
-        _effects(document, console)
+        plain_console(narrowest=PLAN_WIDTH).print(_effects(document))
         looked = f"{item.frames} frame{'' if item.frames == 1 else 's'} of {item.plan.scene} looked at"
-        console.print(f"{looked}; every frame of a run decides for itself", markup=False)
+        console.print(f"{looked}; every frame of a run decides for itself")
         if item.proof is not None:
-            console.print(item.proof.sentence(), markup=False)
+            console.print(item.proof.sentence())
 
 
-def _effects(document: dict[str, Any], console: Console) -> None:
-    effects = Table(
-        title=escape(f"{document['scene']}: error budget {document['budget_db']:g} dB"), title_justify="left"
-    )
-    for heading in ("effect", "", "why", "evidence", "cost [s/frame]", "loss [dB]"):
-        effects.add_column(escape(heading), justify="right" if "[" in heading else "left")
+def _effects(document: dict[str, Any]) -> Table:
+    rows = []
     for item in document["effects"]:
         nothing = item["loss_db"] <= -200.0
-        effects.add_row(
-            item["effect"], "on" if item["on"] else "off", item["reason"], "" if nothing else item["evidence"],
-            f"{item['cost_seconds']:.2f}", "" if nothing else f"{item['loss_db']:.1f}",
+        rows.append(
+            (
+                item["effect"], "on" if item["on"] else "off", item["reason"], "" if nothing else item["evidence"],
+                f"{item['cost_seconds']:.2f}", "" if nothing else f"{item['loss_db']:.1f}",
+            )
         )  # fmt: skip
-    Console(width=max(console.width, PLAN_WIDTH), highlight=False).print(effects)
+    title = f"{document['scene']}: error budget {document['budget_db']:g} dB"
+    return table(title, ("effect", "", "why", "evidence", "cost [s/frame]", "loss [dB]"), rows)
 
 
 @asking(AccuracyOptions)

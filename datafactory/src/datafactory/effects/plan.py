@@ -3,7 +3,7 @@
 A frame leaves out what its radar would not notice (:mod:`datafactory.paths.notice`). To say so, it is traced with all
 that the scene has, and then decides as it does in a run that renders stored paths, which is as if it were rendered at
 once. What leaving an effect out would change is of the complete frame: added echoes are weighed by the power of their
-kind in the truth's resolution cells, changes of the signal by the closed forms of :mod:`datafactory.frame.changes`.
+kind in the truth's resolution cells, changes of the signal by the closed forms of :mod:`datafactory.frame.decision`.
 Nothing that is said here is used by a run.
 """
 
@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from datafactory.effects.catalogue import DESCRIPTIONS, NAMES, NO_CHOICE, EffectSet
-from datafactory.frame import changes
+from datafactory.frame import decision
 from datafactory.frame.chain import ChainSettings, SceneSource, illuminated, narrowed
 from datafactory.frame.deal import DealtFrame, PreparedScene
 from datafactory.frame.decision import KINDS, Decided, bounces_more_than_once, kinds_of, path_effects
@@ -89,15 +89,15 @@ def losses(paths: PathTable, radar: Radar, truth_window: str) -> dict[str, Loss]
     total = where.sums()
     noise, peak = cell_noise_power(radar), float(total.max())
     occupied = total > noise / radar.array.channels
-    rates = changes.range_rates_mps(paths, waveform)
+    rates = decision.range_rates_mps(paths, waveform)
     shares = {
         **{name: (kinds & kind > 0).astype(np.float64) for name, kind in KINDS.items()},
         "multi_bounce": bounces_more_than_once(paths).astype(np.float64),
-        "doppler": changes.doppler_change(rates, waveform) ** 2,
-        "range_migration": changes.migration_change(rates, waveform) ** 2,
-        "intra_chirp_motion": changes.intra_chirp_change(rates, waveform) ** 2,
-        "near_field": changes.plane_wave_change(paths, radar.array, waveform.wavelength_m) ** 2,
-        "antenna_pattern": changes.pattern_change(paths, radar) ** 2,
+        "doppler": decision.doppler_change(rates, waveform) ** 2,
+        "range_migration": decision.migration_change(rates, waveform) ** 2,
+        "intra_chirp_motion": decision.intra_chirp_change(rates, waveform) ** 2,
+        "near_field": decision.plane_wave_change(paths, radar.array, waveform.wavelength_m) ** 2,
+        "antenna_pattern": decision.pattern_change(paths, radar) ** 2,
     }
 
     def loss(share: Real) -> Loss:

@@ -10,7 +10,7 @@ from oracles import scattered_delays, specular_delays
 from path_tables import a_table
 
 from datafactory.effects.catalogue import ALL, NAMES, NO_CHOICE, PATH_EFFECTS, SIGNAL_EFFECTS, EffectSet
-from datafactory.frame import changes
+from datafactory.frame import decision
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.decision import Decided, doppler_called_for, path_effects
 from datafactory.frame.measurement import boxes_of
@@ -46,8 +46,8 @@ def response_change(phase_cycles: np.ndarray) -> float:
 @pytest.mark.parametrize(
     ("change", "count", "duration_s"),
     [
-        (changes.doppler_change, WAVEFORM.chirps, WAVEFORM.chirps * WAVEFORM.chirp_interval_s),
-        (changes.intra_chirp_change, WAVEFORM.samples, WAVEFORM.chirp_duration_s),
+        (decision.doppler_change, WAVEFORM.chirps, WAVEFORM.chirps * WAVEFORM.chirp_interval_s),
+        (decision.intra_chirp_change, WAVEFORM.samples, WAVEFORM.chirp_duration_s),
     ],
 )
 def test_the_change_by_motion_is_that_of_windowed_chirps_and_samples(change, count: int, duration_s: float) -> None:
@@ -71,7 +71,7 @@ def test_the_change_by_range_migration_is_that_of_the_sum_over_chirps_and_sample
     for speed in SPEEDS_MPS:
         cycles = 2.0 * WAVEFORM.bandwidth_hz * speed * np.outer(time_s, share) / LIGHT_MPS
         slow.append(np.abs(over_chirps @ (np.exp(2j * np.pi * cycles) - 1.0) @ over_samples.T).max())
-    fast = changes.migration_change(SPEEDS_MPS, WAVEFORM)
+    fast = decision.migration_change(SPEEDS_MPS, WAVEFORM)
     np.testing.assert_allclose(fast, slow, rtol=0.02, atol=1e-12)
 
 
@@ -107,12 +107,12 @@ def image_changes(table: PathTable, radar: Radar) -> np.ndarray:
 def test_the_change_by_plane_waves_bounds_that_of_the_full_array_s_image(monkeypatch) -> None:
     radar, table = Radar(), a_table(np.random.default_rng(5))
     actual = image_changes(table, radar)
-    bound = changes.plane_wave_change(table, radar.array, radar.waveform.wavelength_m)
+    bound = decision.plane_wave_change(table, radar.array, radar.waveform.wavelength_m)
     assert np.all(actual <= bound * (1.0 + 1e-9))
     # A beam cannot gather all of the error, but a good part: 2.6 to 5.3 dB less over three such tables.
     assert np.all(actual >= 0.5 * bound)
-    monkeypatch.setattr(changes, "BLOCK", 3)
-    np.testing.assert_allclose(changes.plane_wave_change(table, radar.array, radar.waveform.wavelength_m), bound)
+    monkeypatch.setattr(decision, "BLOCK", 3)
+    np.testing.assert_allclose(decision.plane_wave_change(table, radar.array, radar.waveform.wavelength_m), bound)
 
 
 def test_range_rates_are_half_of_the_paths_rates(generator) -> None:
@@ -126,7 +126,7 @@ def test_range_rates_are_half_of_the_paths_rates(generator) -> None:
         for t in (0.0, half_s, 2.0 * half_s)
     ]
     rates = 0.5 * LIGHT_MPS * np.abs(np.diff(delays, axis=0)) / half_s
-    np.testing.assert_allclose(changes.range_rates_mps(table, WAVEFORM), rates.max(axis=0), rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(decision.range_rates_mps(table, WAVEFORM), rates.max(axis=0), rtol=1e-6, atol=1e-6)
 
 
 def test_the_change_by_the_pattern_is_that_of_the_illuminated_amplitudes(generator) -> None:
@@ -141,7 +141,7 @@ def test_the_change_by_the_pattern_is_that_of_the_illuminated_amplitudes(generat
     without = lit(radar.front_end.with_boresight_gain())
     expected = np.abs(without - with_pattern) / np.abs(with_pattern)
     assert expected.max() > 10.0 * expected.min() > 0.0
-    np.testing.assert_allclose(changes.pattern_change(table, radar), expected, rtol=1e-9)
+    np.testing.assert_allclose(decision.pattern_change(table, radar), expected, rtol=1e-9)
 
 
 WINDOW = "taylor-30"
@@ -168,7 +168,7 @@ def test_doppler_is_called_for_by_the_sum_over_a_cell(speed_mps: float, nearest_
     """The rule spelt out: every path's change by its range rate, summed in every cell."""
     paths = a_street(np.random.default_rng([int(100 * speed_mps), int(nearest_m)]), speed_mps, nearest_m)
     limit = 10.0 ** (below_db / 10.0) * float(cell_power(paths, RADAR, WINDOW).max())
-    share = changes.doppler_change(changes.range_rates_mps(paths, RADAR.waveform), RADAR.waveform) ** 2
+    share = decision.doppler_change(decision.range_rates_mps(paths, RADAR.waveform), RADAR.waveform) ** 2
     expected = bool((cell_power(paths, RADAR, WINDOW, share) > limit).any())
     assert doppler_called_for(paths, RADAR, WINDOW, limit) == expected
 
