@@ -20,8 +20,6 @@ from datafactory.frame.chain import FRAMES_WITH
 from datafactory.scenes.readers.open import SHIPPED_PREFIX, SIONNA_PREFIX
 from shared.dataset import arrow_schema
 from shared.dataset.folder import SPLITS
-from shared.dataset.locations import Location
-from shared.dataset.writing import write_text
 from shared.physics.errors import InputError
 
 CARD = "README.md"
@@ -80,16 +78,6 @@ _ON_THE_HUB = {
 } | {"odbl-1.0": "odbl", "odc-by-1.0": "odc-by", "pddl-1.0": "pddl", "c-uda-1.0": "c-uda"}  # fmt: skip
 _OPENSTREETMAP = ("etoile", "florence", "munich", "san_francisco")
 """Scenes of Sionna made of OpenStreetMap's data, as its documentation says."""
-
-
-def write_card(directory: Location, manifest: Mapping[str, Any]) -> Location:
-    """Write the card of a dataset in one step.
-
-    :param manifest: as it is about to be written
-    """
-    path = directory / CARD
-    write_text(path, card(manifest))
-    return path
 
 
 def card(manifest: Mapping[str, Any]) -> str:

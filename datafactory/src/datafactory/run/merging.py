@@ -72,6 +72,10 @@ class FinishedJob:
             yield FinishedShard(record=record, counts=counts, fingerprint=mark)
 
 
+Sources = dict[ShardPlan, tuple[FinishedJob, FinishedShard]]
+"""Every shard, the job that made it, and what this says of it."""
+
+
 def find_jobs(folders: Sequence[Path]) -> tuple[list[FinishedJob], list[Path]]:
     """The finished jobs, by their numbers, and the folders of those that were begun.
 
@@ -104,9 +108,7 @@ def require_same_arguments(jobs: Sequence[FinishedJob]) -> None:
             )
 
 
-def shards_of_all(
-    jobs: Sequence[FinishedJob], begun: Sequence[Path]
-) -> dict[ShardPlan, tuple[FinishedJob, FinishedShard]]:
+def shards_of_all(jobs: Sequence[FinishedJob], begun: Sequence[Path]) -> Sources:
     """Every shard of the dataset in its order, and the job that made it.
 
     A shard that two jobs made, because the array was cut in another way in between, is taken once.
@@ -160,7 +162,7 @@ def _incomplete(missing: Sequence[ShardPlan], jobs: Sequence[FinishedJob], begun
         if f"{number}/{of}" not in there and ArrayJob(number, of).folder not in {path.name for path in begun}
     ]
     why = [f"{path} is not finished" for path in begun] + [f"job {name} is not there" for name in absent]
-    problem = f"frames {ranges(frames)} are missing ({len(frames)} of {jobs[0].entry.frames}): {_listed(why, ', ')}"
+    problem = f"frames {ranges(frames)} are missing ({len(frames)} of {jobs[0].entry.frames}): {_listed(why)}"
     return InputError("merge", problem, "all jobs finished: begin those again, with --resume where they were begun")
 
 
@@ -172,15 +174,12 @@ def ranges(numbers: Iterable[int]) -> str:
             found[-1][1] = number
         else:
             found.append([number, number])
-    return _listed([str(first) if first == last else f"{first}-{last}" for first, last in found], ", ")
+    return _listed([str(first) if first == last else f"{first}-{last}" for first, last in found])
 
 
-def _listed(items: Sequence[str], between: str) -> str:
+def _listed(items: Sequence[str]) -> str:
     more = len(items) - MOST_RANGES
-    return between.join(items[:MOST_RANGES]) + (f"{between}and {more} more" if more > 0 else "")
-
-
-Sources = Mapping[ShardPlan, tuple[FinishedJob, FinishedShard]]
+    return ", ".join(items[:MOST_RANGES]) + (f", and {more} more" if more > 0 else "")
 
 
 def merge(

@@ -160,8 +160,8 @@ def _fitted(order: Order, execution: Execution, rendered: bool) -> tuple[Order, 
     :raises InputError: a scene that cannot be read, a run that cannot fit into memory
     """
     scenes = opened_scenes(order)
-    here = execution.engine.processes_here(execution.workers)
-    workers = workers_for(load_of(order, scenes, rendered), here, execution.announce)
-    if execution.engine.name == LOCAL:
+    here = execution.engine.name == LOCAL  # of a cluster this process hands out; what the nodes hold is counted by Ray
+    workers = workers_for(load_of(order, scenes, rendered), execution.workers if here else 1, execution.announce)
+    if here:
         execution = replace(execution, workers=workers)
     return replace(order, scenes=tuple(scenes)), execution

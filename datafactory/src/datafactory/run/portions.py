@@ -305,12 +305,6 @@ class Engine(Protocol):
     def name(self) -> str:
         """One of :data:`datafactory.defaults.ENGINES`."""
 
-    def processes_here(self, workers: int) -> int:
-        """Processes of this machine that make frames at a time; this one hands out, and counts as one.
-
-        :param workers: as :attr:`datafactory.run.pipeline.Execution.workers`
-        """
-
     def ahead(self, count: int, device: str | None) -> AbstractContextManager[None]:
         """A block in which processes of this machine get ready while scenes are opened; those not needed end with it.
 
@@ -319,7 +313,10 @@ class Engine(Protocol):
         """
 
     def at_a_time(self, workers: int) -> int:
-        """Processes that make frames at a time, wherever they are."""
+        """Processes that make frames at a time, wherever they are.
+
+        :param workers: as :attr:`datafactory.run.pipeline.Execution.workers`
+        """
 
     def pool(self, work: PortionWork, portions: int, workers: int) -> Pool[Portion, Rows]:
         """A pool for so many portions."""
@@ -339,10 +336,6 @@ class Local:
         with Processes(partial(make_ready, device)) as self._processes:
             self._processes.start(count if count > 1 else 0)
             yield
-
-    def processes_here(self, workers: int) -> int:
-        """All."""
-        return workers
 
     def at_a_time(self, workers: int) -> int:
         """All."""

@@ -205,8 +205,11 @@ def prepare(
     for said in (*(_late_poses(scene, deal.given) for scene in opened), *deal.remarks()):
         if said:
             announce(said)
-    about = {} if paths_alone else _frames_described(order)
-    schema = paths_schema() if paths_alone else arrow_schema(about)
+    about, schema, processing = dict[str, Any](), paths_schema(), order.settings.processing
+    if not paths_alone:
+        conventions = _conventions(order.radar, processing.truth_window)
+        about = description(order.radar, processing.peaks, processing.store, conventions)
+        schema = arrow_schema(about)
     job = Job(
         radar=order.radar,
         deal=deal,
@@ -224,13 +227,6 @@ def prepare(
 
 STATED = ("radar", "array", "virtual_sensor", "axes", "shapes", "conventions", "truth")
 """What the manifest says as each shard's metadata does."""
-
-
-def _frames_described(order: Order) -> dict[str, Any]:
-    """What the frames of an order are, as each shard's metadata says it."""
-    processing = order.settings.processing
-    conventions = _conventions(order.radar, processing.truth_window)
-    return description(order.radar, processing.peaks, processing.store, conventions)
 
 
 def _conventions(radar: Radar, window: str) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from datafactory.run.card import write_card
+from datafactory.run.card import CARD, card
 from datafactory.run.shards import ShardPlan
 from shared.dataset.claims import claimed as hold
 from shared.dataset.documents import read_json, sealed, unsealed
@@ -26,7 +26,7 @@ from shared.dataset.folder import MANIFEST, ShardRecord, read_manifest
 from shared.dataset.locations import Location, file_names, file_size
 from shared.dataset.manifest import write_manifest
 from shared.dataset.stores import objects_under
-from shared.dataset.writing import is_as_recorded, remove_folder, remove_partial, scratch, write_json
+from shared.dataset.writing import is_as_recorded, remove_folder, remove_partial, scratch, write_json, write_text
 from shared.physics.errors import InputError
 
 FOLDER = ".progress"
@@ -170,7 +170,7 @@ def finish(directory: Location, manifest: Mapping[str, Any]) -> Location:
     :returns: the manifest's path
     """
     if "shapes" in manifest and manifest["shards"]:
-        write_card(directory, manifest)
+        write_text(directory / CARD, card(manifest))
     path = write_manifest(directory, manifest)
     remove_folder(directory / FOLDER)
     remove_partial(directory)

@@ -1,8 +1,9 @@
 """The process that holds the connection to Ray: ``python -c``, started by :mod:`datafactory.run.cluster.engine`.
 
-It reads portions to be made from its pipe, and sends a :class:`~datafactory.run.cluster.driver.Look` several times a
-second; what the two say to each other stands here. It ends with the process that started it, or as the pipe is closed;
-Ray then ends what it had begun."""
+From its pipe it reads an address, or None for the cluster that this machine is a node of, or a Ray of this run's own.
+It answers :data:`REACHED`, then :class:`Connected`; an exception in place of either, or later, says why not. After
+:class:`Begin` it reads portions to be made, and sends a :class:`Look` several times a second. It ends with the process
+that started it, or as the pipe is closed; Ray then ends what it had begun."""
 
 from __future__ import annotations
 
@@ -29,6 +30,8 @@ LOOK_S = 0.3
 """How often the cluster is looked at."""
 NODES_EVERY_S = 2.0
 """How often its nodes are counted."""
+REACHED = "reached"
+"""Ray is there."""
 QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_DEDUP_LOGS": "0",
@@ -39,23 +42,8 @@ LONGEST_TEMPORARY = 38
 
 
 @dataclass(frozen=True)
-class Connect:
-    """The first thing said.
-
-    :param address: HOST:PORT of a cluster; None for the one that this machine is a node of, or a Ray of this run's own
-    """
-
-    address: str | None
-
-
-@dataclass(frozen=True)
-class Reached:
-    """The driver's first answer: Ray is there. An exception in its place, or later, says why not."""
-
-
-@dataclass(frozen=True)
 class Connected:
-    """The driver's second answer: the nodes have been asked what they are like.
+    """The nodes have been asked what they are like.
 
     :param nodes: alive, that have a processor for tasks
     :param cores: that they have together
@@ -119,7 +107,7 @@ def main() -> None:
         os.environ.setdefault("RAY_TMPDIR", "/tmp")
     try:
         _connect(pipe.recv())
-        pipe.send(Reached())
+        pipe.send(REACHED)
         pipe.send(_connected())
         _serve(pipe)
     except EOFError:
@@ -145,12 +133,12 @@ def _serve(pipe: Connection) -> None:
         Driver(pipe).serve()
 
 
-def _connect(asked: Connect) -> None:
+def _connect(address: str | None) -> None:
     """:raises InputError: Ray is of another version, or this machine is no node of the cluster"""
     import ray
 
     try:
-        ray.init(address=asked.address, include_dashboard=False, log_to_driver=False, logging_level=logging.CRITICAL)
+        ray.init(address=address, include_dashboard=False, log_to_driver=False, logging_level=logging.CRITICAL)
     except (RuntimeError, ConnectionError, ValueError) as error:
         raise InputError("--address", str(error), "HOST:PORT of a cluster that this machine is a node of") from error
 

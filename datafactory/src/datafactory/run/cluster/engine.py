@@ -11,11 +11,11 @@ from dataclasses import replace
 from importlib.util import find_spec
 from multiprocessing.connection import Pipe
 from types import TracebackType
-from typing import Any, TypeVar
+from typing import Any
 
 import cloudpickle
 
-from datafactory.run.cluster.driver import PROBE_S, Begin, Connect, Connected, Look, Reached
+from datafactory.run.cluster.driver import PROBE_S, REACHED, Begin, Connected, Look
 from datafactory.run.cluster.node import Given, surroundings_of
 from datafactory.run.portions import PortionWork, Rows, RunFailed
 from datafactory.run.shards import Portion
@@ -32,7 +32,6 @@ itself waits for ever."""
 END_S = 15.0
 """Within this the driver lets go of its cluster; a Ray of the run's own takes 3 s to end."""
 EXPECTED = "HOST:PORT of a cluster that this machine is a node of"
-Answer = TypeVar("Answer")
 DRIVER = "from datafactory.run.cluster.driver import main; main()"
 GONE = (
     "--engine ray: the connection to the cluster is lost: its head, or the Ray of this machine, has ended; the same "
@@ -53,9 +52,11 @@ def connected(address: str | None, announce: Callable[[str], None]) -> Iterator[
         _require_answer(address)
     driver = _Driver()
     try:
-        driver.send(Connect(address))
-        driver.receive(Reached, CONNECT_S, address)
-        about = driver.receive(Connected, PROBE_S + CONNECT_S, address)
+        driver.send(address)
+        reached = driver.receive(CONNECT_S, address)
+        about = driver.receive(PROBE_S + CONNECT_S, address)
+        assert reached == REACHED
+        assert isinstance(about, Connected)
         for note in about.notes:
             announce(note)
         announce(f"Ray: {about.nodes} {'node' if about.nodes == 1 else 'nodes'} to work on")
@@ -86,8 +87,8 @@ class _Driver:
         except OSError as error:
             raise RunFailed(GONE) from error
 
-    def receive(self, kind: type[Answer], timeout_s: float, address: str | None) -> Answer:
-        """A message of this kind.
+    def receive(self, timeout_s: float, address: str | None) -> Any:
+        """The next message.
 
         :raises InputError: none within this time [s], or what was wrong
         """
@@ -96,11 +97,9 @@ class _Driver:
             problem = f"{where} does not answer within {timeout_s:.0f} s"
             raise InputError("--address", problem, EXPECTED)
         try:
-            message = _checked(self._pipe.recv())
+            return _checked(self._pipe.recv())
         except (EOFError, OSError):
             raise InputError("--address", f"{where} cannot be joined", EXPECTED) from None
-        assert isinstance(message, kind)
-        return message
 
     def looks(self, timeout_s: float) -> Iterator[Look]:
         """What came within this time [s].
@@ -166,10 +165,6 @@ class RayEngine:
 
     def __init__(self, driver: _Driver, cores: int, announce: Callable[[str], None]) -> None:
         self._driver, self._cores, self._announce = driver, cores, announce
-
-    def processes_here(self, workers: int) -> int:
-        """This one, which hands out; what the nodes hold is counted by Ray."""
-        return 1
 
     def ahead(self, count: int, device: str | None) -> AbstractContextManager[None]:
         """No process of this machine is needed."""
