@@ -53,7 +53,7 @@ def test_a_file_is_a_sequence_at_the_rate_that_is_asked_for(files: Path, tmp_pat
 
 
 def test_whole_tracks_are_dealt_to_splits(files: Path, tmp_path: Path) -> None:
-    two = ("--trajectory", files / "track.csv", "--trajectory", files / "track.csv")
+    two = ("--trajectory", files / "track.csv") * 2
     said = run("render", TINY, *two, "--split", "1:0:1", "--radar", files / "small.toml", *FEW, "--points", 1,
                "--out", tmp_path / "data")  # fmt: skip
     assert "sequences 0 (train) and 1 (test) come within 0.0 m of each other" in said

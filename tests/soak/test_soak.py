@@ -14,26 +14,22 @@ from soak import soak as driver
 from soak.soak import soak, wants_the_processor
 
 
-def test_a_killed_run_resumes_to_the_same_shards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(soak_commands, "FRAMES", "9")
-    (tally,) = soak(1, ["render"], tmp_path, seed=5).values()
-    assert sum(tally.kills.values()) == 1
-    assert tally.clean
-
-
-@pytest.mark.slow
-def test_killed_runs_resume_to_the_same_shards(tmp_path: Path) -> None:
-    (tally,) = soak(3, ["render"], tmp_path, seed=7).values()
-    assert sum(tally.kills.values()) == 3
-    assert tally.clean
-
-
-@pytest.mark.slow
-def test_killed_jobs_of_an_array_merge_to_the_run_in_one_piece(tmp_path: Path) -> None:
-    tallies = soak(3, ["job", "merge"], tmp_path, seed=3)
-    assert sum(sum(tally.kills.values()) for tally in tallies.values()) == 3
-    assert all(tally.clean for tally in tallies.values())
-    assert all(tally.finished for tally in tallies.values())
+@pytest.mark.parametrize(
+    ("kills", "commands", "seed"),
+    [
+        (1, ("render",), 5),
+        pytest.param(3, ("render",), 7, marks=pytest.mark.slow),
+        pytest.param(3, ("job", "merge"), 3, marks=pytest.mark.slow),
+    ],
+)
+def test_killed_runs_resume_to_the_same_shards(
+    kills: int, commands: tuple[str, ...], seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if kills == 1:
+        monkeypatch.setattr(soak_commands, "FRAMES", "9")
+    tallies = soak(kills, list(commands), tmp_path, seed=seed).values()
+    assert sum(sum(tally.kills.values()) for tally in tallies) == kills
+    assert all(tally.clean and tally.finished for tally in tallies)
 
 
 @pytest.mark.slow
