@@ -13,7 +13,7 @@ from sionna_scenes import box
 from datafactory import Report, RunFailed, render
 from datafactory.frame.deal import split_of
 from datafactory.run import pipeline, portions
-from datafactory.run.portions import Local, Rows
+from datafactory.run.portions import Engine, Rows
 from datafactory.run.preparation import _late_poses
 from datafactory.run.progress import FOLDER, handed_over
 from datafactory.run.shards import MOST_FRAMES, PATHS, Portion, plan_shards, portions_of
@@ -103,7 +103,7 @@ def test_a_deadly_portion_is_named_and_only_its_shard_is_owed(
     out = tmp_path / "data"
     with monkeypatch.context() as patch:
         cut(patch, list, 2)
-        patch.setattr(Local, "pool", lambda self, work, count, workers: Deadly(work))
+        patch.setattr(Engine, "pool", lambda self, work, count, workers: Deadly(work))
         died = r"^train/part-00000\.parquet, frames 4 to 9: three worker processes died of it, .* --resume, and fewer"
         with pytest.raises(RunFailed, match=died):
             made(out, radar_file, keep_going=keep_going)

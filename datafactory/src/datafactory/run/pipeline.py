@@ -15,7 +15,7 @@ from datafactory.defaults import LOCAL
 from datafactory.effects.catalogue import ALL
 from datafactory.paths.trace import find_shapes
 from datafactory.run.memory import processes_ahead, require_room, workers_for
-from datafactory.run.portions import Engine, Local, PortionWork, Writer, deal_out
+from datafactory.run.portions import Engine, PortionWork, Writer, deal_out
 from datafactory.run.preparation import Order, Recipe, load_of, opened_scenes, prepare
 from datafactory.run.progress import FinishedShard, begin, claimed, completed, fingerprint, finish, handed_over
 from datafactory.run.shards import ARGUMENT, ENTRY, ArrayJob, JobEntry, portions_of, provenance
@@ -65,7 +65,7 @@ class Execution:
     resume: bool = False
     keep_going: bool = False
     job: ArrayJob | None = None
-    engine: Engine = field(default_factory=Local)
+    engine: Engine = field(default_factory=Engine)
     announce: Announce = lambda line: None
     advance: Advance = lambda done, total: None
 
@@ -145,23 +145,15 @@ def render(order: Order, table: MaterialTable, execution: Execution, paths_alone
         if not paths_alone:
             jobs = execution.job.of if execution.job else 1
             require_room(execution.directory, math.ceil(len(order) / jobs), order.radar, order.settings.processing)
-        order, execution = _fitted(order, execution, rendered=not paths_alone)
+        scenes = opened_scenes(order)
+        order, load = replace(order, scenes=tuple(scenes)), load_of(order, scenes, rendered=not paths_alone)
+        if execution.engine.name == LOCAL:
+            execution = replace(execution, workers=workers_for(load, execution.workers, execution.announce))
+        else:  # this process hands out; what the nodes hold is counted by Ray
+            workers_for(load, 1, execution.announce)
         if not paths_alone and (said := statement(order.radar)):
             execution.announce(said)
         recipe = prepare(order, table, execution.announce, paths_alone)
         for scene in recipe.job.scenes:  # found here once for all workers
             find_shapes(scene.merged, recipe.job.of_scenes.trace)
         return produce(recipe, execution, started)
-
-
-def _fitted(order: Order, execution: Execution, rendered: bool) -> tuple[Order, Execution]:
-    """The order with its scenes opened, and the execution with as many workers as there is memory for.
-
-    :raises InputError: a scene that cannot be read, a run that cannot fit into memory
-    """
-    scenes = opened_scenes(order)
-    here = execution.engine.name == LOCAL  # of a cluster this process hands out; what the nodes hold is counted by Ray
-    workers = workers_for(load_of(order, scenes, rendered), execution.workers if here else 1, execution.announce)
-    if here:
-        execution = replace(execution, workers=workers)
-    return replace(order, scenes=tuple(scenes)), execution

@@ -11,11 +11,11 @@ import os
 import time
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import IO, Any, Protocol, TypeVar
+from typing import IO, Any, TypeVar
 
 import pyarrow as pa
 from threadpoolctl import threadpool_limits
@@ -298,51 +298,35 @@ def failure_line(failed: dict[Portion, str]) -> str:
     )
 
 
-class Engine(Protocol):
-    """Gives a run its pool."""
-
-    @property
-    def name(self) -> str:
-        """One of :data:`datafactory.defaults.ENGINES`."""
-
-    def ahead(self, count: int, device: str | None) -> AbstractContextManager[None]:
-        """A block in which processes of this machine get ready while scenes are opened; those not needed end with it.
-
-        :param count: that may be wanted
-        :param device: that scenes are traced on; None where none are
-        """
-
-    def at_a_time(self, workers: int) -> int:
-        """Processes that make frames at a time, wherever they are.
-
-        :param workers: as :attr:`datafactory.run.pipeline.Execution.workers`
-        """
-
-    def pool(self, work: PortionWork, portions: int, workers: int) -> Pool[Portion, Rows]:
-        """A pool for so many portions."""
-
-
-class Local:
-    """Processes of this machine."""
+class Engine:
+    """Gives a run its pool: processes of this machine, or of a cluster (:mod:`datafactory.run.cluster.engine`)."""
 
     name = LOCAL
+    """One of :data:`datafactory.defaults.ENGINES`."""
 
     def __init__(self) -> None:
         self._processes = Processes()
 
     @contextmanager
     def ahead(self, count: int, device: str | None) -> Iterator[None]:
-        """None for one: that is this process."""
+        """A block in which processes of this machine get ready while scenes are opened; those not needed end with it.
+
+        :param count: that may be wanted; none is begun for one: that is this process
+        :param device: that scenes are traced on; None where none are
+        """
         with Processes(partial(make_ready, device)) as self._processes:
             self._processes.start(count if count > 1 else 0)
             yield
 
     def at_a_time(self, workers: int) -> int:
-        """All."""
+        """Processes that make frames at a time, wherever they are.
+
+        :param workers: as :attr:`datafactory.run.pipeline.Execution.workers`
+        """
         return workers
 
     def pool(self, work: PortionWork, portions: int, workers: int) -> Pool[Portion, Rows]:
-        """This process for one worker, or one portion: a script needs no guard then."""
+        """A pool for so many portions; for one worker, or one portion, this process: a script needs no guard then."""
         count = min(workers, portions)
         if count <= 1:
             return ThisProcess[Portion, Rows](work)
@@ -366,4 +350,4 @@ def opened(name: str, address: str | None, announce: Callable[[str], None]) -> I
     elif address is not None:
         raise InputError("--address", f"{address!r} with --engine {name}", f"--engine {RAY}")
     else:
-        yield Local()
+        yield Engine()

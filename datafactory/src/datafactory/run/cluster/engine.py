@@ -6,7 +6,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from importlib.util import find_spec
 from multiprocessing.connection import Pipe
@@ -15,9 +15,10 @@ from typing import Any
 
 import cloudpickle
 
+from datafactory.defaults import RAY
 from datafactory.run.cluster.driver import PROBE_S, REACHED, Begin, Connected, Look
 from datafactory.run.cluster.node import Given, surroundings_of
-from datafactory.run.portions import PortionWork, Rows, RunFailed
+from datafactory.run.portions import Engine, PortionWork, Rows, RunFailed
 from datafactory.run.shards import Portion
 from shared.dataset.locations import absolute
 from shared.physics.errors import InputError
@@ -153,7 +154,7 @@ def _as_seen_from_anywhere(work: PortionWork) -> PortionWork:
     return replace(work, job=replace(work.job, deal=replace(deal, stored=stored)))
 
 
-class RayEngine:
+class RayEngine(Engine):
     """A cluster that this process is connected to, for one run.
 
     :param driver: the connection
@@ -161,14 +162,15 @@ class RayEngine:
     :param announce: takes lines for the user
     """
 
-    name = "ray"
+    name = RAY
 
     def __init__(self, driver: _Driver, cores: int, announce: Callable[[str], None]) -> None:
         self._driver, self._cores, self._announce = driver, cores, announce
 
-    def ahead(self, count: int, device: str | None) -> AbstractContextManager[None]:
+    @contextmanager
+    def ahead(self, count: int, device: str | None) -> Iterator[None]:
         """No process of this machine is needed."""
-        return nullcontext()
+        yield
 
     def at_a_time(self, workers: int) -> int:
         """As many as were asked for, or the nodes have cores now."""
