@@ -8,11 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from factory_command import run
 
-from datafactory.cli.app import app
-from shared.dataset.folder import open_dataset
-from shared.radar import load_radar
+from shared.dataset.folder import Dataset, open_dataset
+from shared.radar import Radar, load_radar
 from shared.signal.imaging import delay_and_sum
 from shared.signal.signal import if_signal, target_amplitudes
 from trainer.data.measurements import open_measurements
@@ -34,17 +33,20 @@ bins = 60
 """
 
 
+def simulated(folder: Path, board: str, targets: list[dict[str, float]], *more: str) -> tuple[Radar, Dataset, str]:
+    """A radar, a dataset of one frame of these targets with its cube, and what was said."""
+    (folder / "board.toml").write_text(board, encoding="utf-8")
+    (folder / "targets.json").write_text(json.dumps([targets]), encoding="utf-8")
+    files = ("--targets", folder / "targets.json", "--radar", folder / "board.toml", "--out", folder / "data")
+    said = run("points", *files, "--store", "cube", *more)
+    return load_radar(str(folder / "board.toml")), open_dataset(folder / "data"), said
+
+
 def test_the_twin_of_a_capture_has_its_chirps_and_order_of_tx(tmp_path: Path) -> None:
     """The exact sum of eq. (1) and (2) over the board's elements, TX3 first; and the target on its side."""
-    (tmp_path / "twin.toml").write_text(TWIN, encoding="utf-8")
-    radar = load_radar(str(tmp_path / "twin.toml"))
     target = {"x": 4.0, "y": 1.5, "z": 0.1, "vx": 2.0, "rcs_dbsm": 10.0, "phase": 0.4}
-    (tmp_path / "targets.json").write_text(json.dumps([[target]]), encoding="utf-8")
-    arguments = ["points", "--targets", "targets.json", "--radar", "twin.toml", "--no-noise", "--store", "cube"]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(tmp_path)
-        CliRunner().invoke(app, [*arguments, "--out", "data"], catch_exceptions=False)
-    (frame,) = open_dataset(tmp_path / "data").frames("train")
+    radar, dataset, _ = simulated(tmp_path, TWIN, [target], "--no-noise")
+    (frame,) = dataset.frames("train")
     assert frame.cube is not None
     position, velocity = np.array([[4.0, 1.5, 0.1]]), np.array([[2.0, 0.0, 0.0]])
     amplitude = target_amplitudes(radar, position, np.array([10.0]), np.array([0.4]))
@@ -85,18 +87,10 @@ bins = 60
 
 
 def test_simulation_and_import_see_the_same_channels_velocities_and_angles(tmp_path):
-    (tmp_path / "boards.toml").write_text(OVERLAPPED, encoding="utf-8")
-    radar = load_radar(str(tmp_path / "boards.toml"))
-    span = radar.waveform.velocity_span_mps  # 16 m/s
     # Receding, at the left; approaching faster than half of the Doppler axis, at the right.
     targets = [{"x": 8.0, "y": 4.0, "vx": 3.0, "rcs_dbsm": 10}, {"x": 12.0, "y": -6.0, "vx": -14.0, "rcs_dbsm": 20}]
-    (tmp_path / "targets.json").write_text(json.dumps([targets]), encoding="utf-8")
-    arguments = ["points", "--targets", "targets.json", "--radar", "boards.toml", "--store", "cube", "--out", "data"]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(tmp_path)
-        made = CliRunner().invoke(app, arguments, catch_exceptions=False)
-    assert "resolve 3 Doppler intervals" in made.output
-    dataset = open_dataset(tmp_path / "data")
+    radar, dataset, said = simulated(tmp_path, OVERLAPPED, targets)
+    assert "resolve 3 Doppler intervals" in said
     assert "resolve 3 Doppler intervals" in dataset.description()["conventions"]["velocity"]
     (frame,) = dataset.frames("train")
     assert frame.cube is not None
@@ -111,4 +105,4 @@ def test_simulation_and_import_see_the_same_channels_velocities_and_angles(tmp_p
         assert radar.grid.u[image.argmax()] == pytest.approx(target.u, abs=0.04)
         # The truth of one TX needs none of this, and has it at the same place.
         assert radar.grid.u[frame.image[row].argmax()] == pytest.approx(target.u, abs=0.04)
-    assert min(target.velocity_mps for target in frame.targets) < -0.5 * span
+    assert min(target.velocity_mps for target in frame.targets) < -0.5 * radar.waveform.velocity_span_mps  # 16 m/s

@@ -11,7 +11,7 @@ from factory_command import run
 from prepared_scenes import EFFECT_SCENES
 
 from datafactory.defaults import DEFAULT_BUDGET_DB
-from shared.dataset.folder import open_dataset
+from shared.dataset.folder import open_dataset, read_manifest
 from shared.dataset.schema import Frame
 from shared.radar import load_radar
 
@@ -41,12 +41,8 @@ def made(folder: Path, out: str, poses: list[dict], *more: object, scene: Path =
     return folder / out
 
 
-def manifest(out: Path) -> dict:
-    return json.loads((out / "manifest.json").read_text(encoding="utf-8"))
-
-
 def counts(out: Path) -> dict[str, int]:
-    return manifest(out)["counts"]
+    return read_manifest(out)["counts"]
 
 
 def frames(out: Path) -> list[Frame]:
@@ -67,7 +63,7 @@ def driving(folder: Path) -> Path:
 
 def test_one_moving_frame_of_twenty_has_doppler_and_the_others_have_none(driving: Path) -> None:
     found = counts(driving)
-    arguments = manifest(driving)["arguments"]
+    arguments = read_manifest(driving)["arguments"]
     assert (arguments["effects"], arguments["budget_db"]) == ("auto", DEFAULT_BUDGET_DB)
     assert found["frames"] == FRAMES
     assert found["frames_with_doppler"] == 1

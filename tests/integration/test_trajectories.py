@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from small_radar import write_small_radar
 
 from datafactory import Pose, render
 from shared.dataset import Frame
-from shared.dataset.folder import open_dataset
+from shared.dataset.folder import open_dataset, read_manifest
 
 ROWS = "time,x,y,z,yaw_deg\n0,-10,0,0.5,0\n0.2,-9,0,0.5,0\n0.4,-8,0,0.5,5\n"
 TINY = str(SCENES / "tiny.usda")
@@ -47,7 +46,7 @@ def test_a_file_is_a_sequence_at_the_rate_that_is_asked_for(files: Path, tmp_pat
     for _, frame in frames.values():
         assert frame.sensor_position[0] == pytest.approx(-10.0 + 5.0 * frame.time)
         assert frame.sensor_velocity == pytest.approx((5.0, 0.0, 0.0))
-    manifest = json.loads((tmp_path / "data" / "manifest.json").read_text())
+    manifest = read_manifest(tmp_path / "data")
     assert manifest["counts"]["frames_empty"] == 0
     assert len(manifest["arguments"]["tracks"][0]) == 9
 
@@ -127,7 +126,7 @@ def test_speeds_stand_in_the_manifest_where_they_were_asked_for(files: Path, tmp
     arguments = {}
     for name, speed in (("usual", ()), ("fast", ("--speed", "15:20"))):
         run("render", TINY, *few, *speed, "--out", tmp_path / name)
-        arguments[name] = json.loads((tmp_path / name / "manifest.json").read_text(encoding="utf-8"))["arguments"]
+        arguments[name] = read_manifest(tmp_path / name)["arguments"]
     assert arguments["fast"] == {**arguments["usual"], "speed_mps": [15.0, 20.0]}
     run("render", TINY, *few, "--speed", "15:20", "--out", tmp_path / "fast", "--resume")
     speeds = [np.hypot(*frame.sensor_velocity[:2]) for _, frame in frames_of(tmp_path / "fast").values()]
