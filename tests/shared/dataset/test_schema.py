@@ -6,9 +6,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from small_dataset import (
     BINS,
     CHANNELS,
@@ -25,9 +22,6 @@ from small_dataset import (
 from shared.dataset import Box, Target, arrow_schema, description, row_bytes, to_record_batch
 from shared.dataset.reading import read_description, read_frame, read_frames
 from shared.physics.errors import InputError
-from shared.radar import ImageGrid, Radar
-from shared.radar.arrays import AntennaArray, line
-from shared.radar.waveform import Waveform
 
 
 @pytest.mark.parametrize("store", ["range-channel", "range-doppler", "cube"])
@@ -40,31 +34,6 @@ def test_frames_come_back_bit_for_bit(tmp_path, store, rows_per_group):
     for index, frame in enumerate(frames):
         assert_same(frame, back[index])
         assert_same(frame, read_frame(tmp_path / "shard.parquet", index))
-
-
-FLOATS = st.floats(width=32, allow_nan=False, allow_infinity=False)
-
-
-@settings(max_examples=30, deadline=None)
-@given(data=st.data(), rows=st.integers(1, 4), bins=st.integers(1, 4), peaks=st.integers(1, 3), rx=st.integers(1, 3))
-def test_any_finite_float_of_any_shape_survives(tmp_path_factory, data, rows, bins, peaks, rx):
-    radar = Radar(
-        waveform=Waveform(chirps=2, samples=4, range_bins=rows),
-        array=AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(2e-3 * np.arange(rx))),
-        grid=ImageGrid(bins=bins),
-    )
-    pairs = data.draw(arrays(np.float32, (peaks, rows, rx, 2), elements=FLOATS))
-    frame = dataclasses.replace(
-        make_frame(3),
-        range_channel=pairs.view(np.complex64)[..., 0],
-        velocity=data.draw(arrays(np.float32, (peaks, rows), elements=FLOATS)),
-        image=data.draw(arrays(np.float32, (rows, bins), elements=FLOATS)),
-    )
-    path = tmp_path_factory.mktemp("any") / "shard.parquet"
-    schema = arrow_schema(description(radar, peaks, "range-channel"))
-    pq.write_table(pa.Table.from_batches([to_record_batch([frame], schema)]), path)
-    (back,) = read_frames(path)
-    assert_same(frame, back)
 
 
 def test_column_types_are_the_contract(tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import importlib
 import inspect
 import os
@@ -22,7 +21,6 @@ from numba.core.dispatcher import Dispatcher
 import datafactory
 import shared
 import trainer
-from shared.physics.compiled import compiled
 
 PACKAGES = [Path(package.__file__ or "").parent for package in (shared, datafactory, trainer)]
 OURS = [package.name for package in PACKAGES]
@@ -124,35 +122,6 @@ def test_a_read_only_installation_compiles_in_every_process(read_only: Path, unw
     assert run(HEIGHTS, read_only, unwritable) == "1.0"
     assert run("import kernel; print(kernel.tripled(14))", read_only, unwritable) == "42"
     assert sorted(read_only.rglob("*")) == before
-
-
-@pytest.mark.parametrize("named", [False, True])
-def test_machine_code_goes_to_the_folder_that_is_named_or_to_the_users(
-    read_only: Path, unwritable: Path, tmp_path: Path, named: bool
-) -> None:
-    home, more = tmp_path / "home", {}
-    home.mkdir()
-    if named:
-        home, more = unwritable, {"NUMBA_CACHE_DIR": str(tmp_path / "named")}
-    assert run("import kernel; print(kernel.tripled(14))", read_only, home, **more) == "42"
-    assert list((tmp_path / ("named" if named else "home")).rglob("kernel.tripled*.nbc"))
-
-
-def test_machine_code_lies_beside_the_source_where_that_can_be_written(read_only: Path, unwritable: Path) -> None:
-    (read_only / "__pycache__").unlink()
-    assert run("import kernel; print(kernel.tripled(14))", read_only, unwritable) == "42"
-    assert list((read_only / "__pycache__").glob("kernel.tripled*.nbc"))
-
-
-def test_the_wrapper_of_a_type_checker_is_taken_off() -> None:
-    def doubled(value: int) -> int:
-        return 2 * value
-
-    @functools.wraps(doubled)
-    def checked(*arguments: object, **named: object) -> object:
-        raise AssertionError("numba cannot compile this")
-
-    assert compiled(cache=False)(checked)(21) == 42
 
 
 def test_no_kernel_goes_round_the_decorator() -> None:

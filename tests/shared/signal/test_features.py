@@ -181,12 +181,3 @@ def test_a_network_is_told_the_sum_of_both(generator, library):
     np.testing.assert_allclose(mixed[0], floor[0], rtol=1e-3, atol=1e-4)
     np.testing.assert_allclose(mixed[1], none[1], rtol=1e-3, atol=1e-4)
     assert np.abs(mixed[0] - none[0]).max() > 0.01
-
-
-def test_none_changes_no_bit(generator):
-    data, noise = torch.from_numpy(rows(generator)), torch.tensor([1e-14, 0.0], dtype=torch.float64)
-    for one, other in zip(snapshot_features(data, noise), snapshot_features(data, noise, 0.0), strict=True):
-        assert torch.equal(one, other)
-    weights = torch.from_numpy(WEIGHTS)
-    for one, other in zip(row_features(data, weights, noise), row_features(data, weights, noise, 0.0), strict=True):
-        assert torch.equal(one, other)

@@ -18,7 +18,6 @@ from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AVR_QDM_110_THINNED_RX, AntennaArray, line
 from shared.radar.waveform import Waveform
 from shared.signal import if_signal
-from shared.signal.adaptive import adaptive_tables
 from shared.signal.imaging import (
     PRODUCT_FRAMES,
     delay_and_sum,
@@ -26,7 +25,6 @@ from shared.signal.imaging import (
     steering_matrix,
     sweep_moments,
 )
-from shared.signal.signal import manifold
 from shared.signal.spectrum import DopplerSelection, range_doppler, select_doppler
 from shared.signal.windows import cell_noise_power
 
@@ -198,14 +196,6 @@ def test_images_are_the_same_with_and_without_the_use_of_symmetry():
     assert np.abs(whole - folded).max() < 1e-5 * np.abs(folded).max()
 
 
-def test_wrong_shapes_are_refused():
-    radar = Radar(waveform=Waveform(samples=32, range_bins=20, chirps=1))
-    with pytest.raises(ValueError, match=r"expected \[batch, terms, 20, 256\]"):
-        near_field_images(np.zeros((1, 3, 20, 48), np.complex64), radar, radar.virtual_sensor)
-    with pytest.raises(ValueError, match="7 channels; expected 48"):
-        delay_and_sum(np.zeros((20, 7), np.complex64), radar)
-
-
 def share_resolved(rx: tuple[int, ...], separation_rayleigh: float, range_m: float, plane_waves: bool) -> float:
     """Share of 150 pairs of equal reflectors of random phase that show as two peaks within half their separation."""
     radar, generator = Radar(), np.random.default_rng(50)
@@ -280,34 +270,6 @@ def test_measured_reflectors_peak_where_they_stand(elements):
     peaks = 1 + np.flatnonzero((image[1:-1] > image[:-2]) & (image[1:-1] >= image[2:]))
     found = np.sort(np.degrees(np.arcsin(radar.grid.u[peaks[np.argsort(-image[peaks])[:2]]])))
     np.testing.assert_allclose(found, [-0.006, 6.985], atol=0.15)
-
-
-RADAR = Radar()
-POSITIONS = RADAR.array.virtual[:, 1]
-
-
-def test_the_manifold_is_the_echo_of_a_far_target() -> None:
-    waveform = RADAR.waveform.model_copy(update={"chirps": 1, "samples": 128, "range_bins": 128, "bandwidth_hz": 1e7})
-    radar = RADAR.model_copy(update={"waveform": waveform})
-    row, u = 50, 0.3
-    range_m = row * waveform.range_step_m
-    position = range_m * np.array([[np.sqrt(1.0 - u**2), u, 0.0]])
-    cube = if_signal(radar, position, np.zeros((1, 3)), np.ones(1, dtype=np.complex128))
-    echo = range_doppler(cube.astype(np.complex64), radar)[row, 0]
-    expected = manifold(POSITIONS, waveform.wavelength_m, np.array(u))
-    assert abs(np.vdot(expected, echo)) / len(echo) > 0.999
-    # The other sign is the echo of a target on the other side.
-    assert abs(np.vdot(expected.conj(), echo)) / len(echo) < 0.3
-
-
-def test_images_and_the_adaptive_spectrum_look_for_its_conjugate() -> None:
-    wavelength, u = RADAR.waveform.wavelength_m, RADAR.grid.u
-    expected = manifold(POSITIONS, wavelength, u).conj()
-    np.testing.assert_array_equal(steering_matrix(RADAR, RADAR.array), expected)
-    channels = np.arange(48)
-    # The adaptive spectrum's phases are those in the middle of the array.
-    expected = manifold(POSITIONS - POSITIONS.mean(), wavelength, u).conj()
-    np.testing.assert_array_equal(adaptive_tables(RADAR, channels).matched[:, : len(u)], expected.astype(np.complex64))
 
 
 def test_a_grid_has_mirror_images_where_its_bins_meet_them() -> None:

@@ -12,7 +12,6 @@ from datafactory.paths.table import PathTable, ScatteredPaths
 from shared.radar import FrontEnd, Radar
 from shared.radar.antenna import IsotropicPattern
 from shared.radar.arrays import AntennaArray
-from shared.radar.receiver import received
 from shared.radar.waveform import Waveform
 from shared.signal import if_signal, round_trip_delays, target_amplitudes
 from shared.signal.spectrum import range_doppler
@@ -100,13 +99,6 @@ def test_delay_is_twice_the_range_for_a_pair_at_the_origin(small_radar):
     delays = round_trip_delays(radar, np.array([30.0, 40.0, 0.0]), np.array([6.0, 8.0, 0.0]))
     times = radar.waveform.chirp_interval_s * np.arange(4)
     np.testing.assert_allclose(delays[0], 2.0 * (50.0 + 10.0 * times) / 299_792_458.0, rtol=1e-15)
-
-
-def test_noise_that_is_added_chirp_by_chirp_is_the_same_noise():
-    radar = Radar(waveform=Waveform(chirps=5, samples=32, range_bins=16))
-    cube = receiver_noise(radar, np.random.default_rng(1))
-    added, _ = received(cube, radar, np.random.default_rng(2))
-    np.testing.assert_array_equal(added, cube + receiver_noise(radar, np.random.default_rng(2)))
 
 
 def test_noise_power_agrees_with_its_formula(small_radar):

@@ -80,19 +80,6 @@ def spoilt(selection: DopplerSelection, radar: Radar) -> np.ndarray:
     return selection.range_channel * np.exp(2j * np.pi * frequency * chirp_times(radar)[radar.array.channel_tx, 0])
 
 
-def test_seven_metres_a_second_leave_the_sidelobes_where_they_were():
-    radar = tdm_radar()
-    y_m, wavelength = radar.array.virtual[:, 1], radar.waveform.wavelength_m
-    resting, row = selected(radar, [0.0])
-    _, still = lobes(resting.range_channel[0, row], y_m, wavelength)
-    moving, row = selected(radar, [7.0])
-    u, level = lobes(moving.range_channel[0, row], y_m, wavelength)
-    assert still == pytest.approx(-13.25, abs=0.02)
-    assert level == pytest.approx(still, abs=0.1)
-    assert u == pytest.approx(U, abs=0.002)
-    assert lobes(spoilt(moving, radar)[0, row], y_m, wavelength)[1] > -3.0
-
-
 @pytest.mark.parametrize("share", [-0.9999, -0.61, 0.003, 0.25, 0.9999])
 def test_sidelobes_and_angle_hold_over_the_whole_velocity_interval(share):
     radar = tdm_radar()
@@ -101,6 +88,8 @@ def test_sidelobes_and_angle_hold_over_the_whole_velocity_interval(share):
     u, level = lobes(selection.range_channel[0, row], radar.array.virtual[:, 1], radar.waveform.wavelength_m)
     assert level == pytest.approx(-13.25, abs=0.1)
     assert u == pytest.approx(U, abs=0.002)
+    uncompensated = lobes(spoilt(selection, radar)[0, row], radar.array.virtual[:, 1], radar.waveform.wavelength_m)[1]
+    assert (uncompensated > -3.0) == (abs(share) > 0.9)
     half_cell = 0.5 * radar.waveform.velocity_step_mps
     assert selection.velocities_mps(radar.waveform)[0, row] == pytest.approx(velocity, abs=1.01 * half_cell)
 
@@ -121,11 +110,6 @@ def test_what_is_left_is_the_stated_phase_and_magnitude(off):
     np.testing.assert_allclose(np.angle(left), 2.0 * np.pi * off * np.arange(3) / (3 * 32), atol=2e-4)
     crossed = velocity * waveform.chirp_interval_s / waveform.range_step_m  # bins a chirp
     assert np.abs(np.abs(left) - 1.0).max() < crossed
-
-
-def test_other_channels_than_the_arrays_are_refused():
-    with pytest.raises(ValueError, match="spectra of 5 channels; expected the 48"):
-        compensated(np.zeros((4, 8, 5), np.complex64), tdm_radar(chirps=8))
 
 
 @pytest.mark.parametrize(
