@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 import subprocess
 import sys
-from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -131,12 +129,6 @@ def test_a_bad_argument_is_refused_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(datafactory.InputError, match=r"^--rays: 0; expected 1 to 20000000$"):
         datafactory.render(TINY, tmp_path / "out", rays=0)
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.__name__)
-def test_versions_come_from_the_distributions(package: object) -> None:
-    name = package.__name__  # type: ignore[attr-defined]
-    assert importlib.import_module(name).__version__ == version(f"sparseradar-{name}")
 
 
 @pytest.mark.parametrize("package", [datafactory, trainer, trainer.estimators], ids=lambda package: package.__name__)

@@ -30,18 +30,6 @@ def test_neighbours_share_nothing_and_what_is_shared_has_its_thickness(x_m: floa
         assert pair == ("one", "other", pytest.approx(shared_m / (1.0 + 2.0 * shared_m), rel=1e-4))
 
 
-def test_a_body_wholly_inside_is_found_and_the_walls_around_a_room_are_not() -> None:
-    small = Shape.box((-0.1, -0.1, 0.4), (0.1, 0.1, 0.6))
-    assert intersecting(beside(0.0, shape=small))
-    room = trimesh.creation.annulus(0.4, 0.5, 1.0)
-    assert not intersecting([Standing("room", Shape.of(room.vertices, room.faces)), Standing("in it", small)])
-
-
-def test_pairs_at_rest_may_be_left_out() -> None:
-    assert not intersecting(beside(0.5), moving_only=True)
-    assert len(intersecting(beside(0.5, moves=True), moving_only=True)) == 1
-
-
 def test_points_within_are_told_from_points_beside() -> None:
     things = beside(0.5)
     assert containing(things, np.add(FAR, (-0.4, 0.0, 0.5))) == ["one"]

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from small_dataset import make_dataset, make_frame
 
-from datafactory import load_radar, load_scene
+from datafactory import load_scene
 from datafactory.api.planning import ScenePlan
 from datafactory.effects.plan import Decision, EffectPlan
 from shared.physics.errors import Told
@@ -21,33 +21,17 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 DECISIONS = (Decision("specular", True, "", "", -3.0), Decision("refraction", False, "", "", -90.0))
 
 
-def _radar() -> Radar:
-    return load_radar("avr-qdm-110")
-
-
-def _run() -> Told:
-    return load_imager(pretrained_run("sparse6"))[0]
-
-
-def _frame() -> Told:
-    return make_frame(2)
-
-
-def _scene() -> Told:
-    return load_scene(SCENES / "street.usda")
-
-
-def _plan() -> Told:
-    return ScenePlan(EffectPlan("street", -30.0, DECISIONS, {}), 8, {"specular": 0.25}, None)
-
-
 VALUES: dict[str, tuple[Callable[[], Told], list[str]]] = {
-    "Radar": (_radar, ["77 GHz", "128 chirps of 1024", "3 TX x 16 RX, 48", "630 x 450", "0.15 m", "94 mm wide"]),
-    "Array": (lambda: _radar().array, ["3 TX x 16 RX, 48 virtual channels, 94 mm wide, 0 mm high"]),
-    "Scene": (_scene, ["scene street", "310 objects", "13 point targets", "40 of them move", "warned: 13"]),
-    "Plan": (_plan, ["on: specular", "off: refraction", "8 frames", "-30 dB", "0.25 processor seconds"]),
-    "Run": (_run, ["unrolled", "sparse6", "RX 0, 1, 6, 10, 13, 15", "681 train"]),
-    "Frame": (_frame, ["frame 2: points", "(1.0, -2.0, 0.1) m", "10.0 m/s", "2 targets, 2 boxes", "image [6, 20]"]),
+    "Radar": (Radar, ["77 GHz", "128 chirps of 1024", "3 TX x 16 RX, 48", "630 x 450", "0.15 m", "94 mm wide"]),
+    "Array": (lambda: Radar().array, ["3 TX x 16 RX, 48 virtual channels, 94 mm wide, 0 mm high"]),
+    "Scene": (lambda: load_scene(SCENES / "street.usda"),
+              ["scene street", "310 objects", "13 point targets", "40 of them move", "warned: 13"]),
+    "Plan": (lambda: ScenePlan(EffectPlan("street", -30.0, DECISIONS, {}), 8, {"specular": 0.25}, None),
+             ["on: specular", "off: refraction", "8 frames", "-30 dB", "0.25 processor seconds"]),
+    "Run": (lambda: load_imager(pretrained_run("sparse6"))[0],
+            ["unrolled", "sparse6", "RX 0, 1, 6, 10, 13, 15", "681 train"]),
+    "Frame": (lambda: make_frame(2),
+              ["frame 2: points", "(1.0, -2.0, 0.1) m", "10.0 m/s", "2 targets, 2 boxes", "image [6, 20]"]),
 }  # fmt: skip
 
 

@@ -14,7 +14,6 @@ from manual import DOCS, ROOT
 from pydantic import BaseModel, Field
 from reference import (
     commands_page,
-    contents,
     descriptions,
     fields_table,
     fit_page,
@@ -22,7 +21,6 @@ from reference import (
     names_page,
     radar_page,
 )
-from reference import reference_pages as pages
 from typer.main import get_command
 
 from datafactory import convert, merge, plan, render, trace
@@ -105,12 +103,6 @@ def test_no_description_is_empty_and_units_survive() -> None:
         rows = [line for line in commands_page(program).splitlines() if line.startswith("| `")]
         assert [row for row in rows if row.endswith("|  |")] == []
     assert "for this error [dB]" in commands_page("datafactory")
-
-
-def test_the_contents_list_every_page_with_a_title() -> None:
-    for name, text in pages().items():
-        assert text.startswith("# ")
-        assert f"({name})" in contents()
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from fuzzing import reads_or_says_one_line
 
 from datafactory.cli.app import main
 from datafactory.frame.points import read_targets
@@ -81,29 +80,6 @@ def test_an_absurd_file_is_refused_in_one_line(tmp_path: Path, name: str) -> Non
 
 LATIN_1 = os.fsdecode(b"caf\xe9")
 """A name in Latin-1, as file systems of UTF-8 names may hold it."""
-
-
-@pytest.mark.parametrize(
-    ("suffix", "text", "read"),
-    [
-        (".toml", "[waveform]\nchirps = 2\n", radar),
-        (".json", '[{"position": [0, 0, 1]}]', read_poses),
-        (".JSON", '[[{"x": 5, "y": 0, "rcs_dbsm": 0}]]', read_targets),
-        (".TOML", 'default = "metal"', load_materials),
-        (".obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", scene),
-        (".xml", '<scene version="3.0.0"><shape type="cube"/></scene>', scene),
-        (".usda", HEADER.format(1) + 'def Cube "c" {}\n', scene),
-    ],
-)
-def test_a_name_that_is_not_utf8_is_read_or_refused(
-    tmp_path: Path, suffix: str, text: str, read: Callable[[Path], object]
-) -> None:
-    path = tmp_path / f"{LATIN_1}{suffix}"
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError:
-        pytest.skip("this file system has names in UTF-8 alone")
-    reads_or_says_one_line(lambda: read(path))
 
 
 @pytest.mark.parametrize("arguments", [["points", "--frames", "1", "--workers", "1", "--out"], ["inspect"]])
