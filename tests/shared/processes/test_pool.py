@@ -15,7 +15,7 @@ import psutil
 import pytest
 from pool_work import Squares, note_process
 
-from shared.processes.lock import one_job
+from shared.processes.lock import claimed
 from shared.processes.pool import Processes, ThisProcess, WorkerPool
 from shared.processes.tasks import ATTEMPTS, LOSSES, Attempts, Finished
 
@@ -156,35 +156,26 @@ def wait_for(condition: object, seconds: float = 60.0) -> None:
         time.sleep(0.05)
 
 
-def test_a_folder_has_one_job_at_a_time(tmp_path: Path) -> None:
-    lock = tmp_path / "lock"
-    with one_job(tmp_path, lock, "--out"):
-        held = f"""
+HELD = """
+import os, signal, sys
 from pathlib import Path
-from shared.processes.lock import one_job
-with one_job(Path({str(tmp_path)!r}), Path({str(lock)!r}), "--out"):
-    print("held")
-"""
-        other = subprocess.run([sys.executable, "-c", held], capture_output=True, text=True, check=False)
-        assert other.stdout == ""
-        assert "another process is at work" in other.stderr
-    assert not lock.exists()
-    with one_job(tmp_path, lock, "--out"):
-        pass
-
-
-def test_a_crash_releases_the_folder(tmp_path: Path) -> None:
-    crash = f"""
-import os, signal
-from pathlib import Path
-from shared.processes.lock import one_job
-with one_job(Path({str(tmp_path)!r}), Path({str(tmp_path / "lock")!r}), "--out"):
+from shared.processes.lock import claimed
+with claimed(Path(sys.argv[1]), Path(sys.argv[1]) / "notes", "--out", int):
     os.kill(os.getpid(), signal.SIGKILL)
 """
-    assert subprocess.run([sys.executable, "-c", crash], check=False).returncode == -signal.SIGKILL
-    assert (tmp_path / "lock").exists()
-    with one_job(tmp_path, tmp_path / "lock", "--out"):
+
+
+def test_a_folder_has_one_job_at_a_time_and_a_crash_releases_it(tmp_path: Path) -> None:
+    folder, command = tmp_path / "made" / "here", [sys.executable, "-c", HELD, str(tmp_path / "made" / "here")]
+    with claimed(folder, folder / "notes", "--out", int):
+        other = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert "--out: another process is at work" in other.stderr
+    assert not (tmp_path / "made").exists()
+    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+    assert (folder / "notes" / "lock").exists()
+    with claimed(folder, folder / "notes", "--out", int):
         pass
+    assert list(tmp_path.rglob("lock")) == []
 
 
 def test_a_lost_machine_is_no_fault_of_its_tasks_unless_it_always_is() -> None:

@@ -80,7 +80,7 @@ def spoilt(selection: DopplerSelection, radar: Radar) -> np.ndarray:
     return selection.range_channel * np.exp(2j * np.pi * frequency * chirp_times(radar)[radar.array.channel_tx, 0])
 
 
-@pytest.mark.parametrize("share", [-0.9999, -0.61, 0.003, 0.25, 0.9999])
+@pytest.mark.parametrize("share", [-0.9999, -0.61, 0.003, 0.875, 0.9999])
 def test_sidelobes_and_angle_hold_over_the_whole_velocity_interval(share):
     radar = tdm_radar()
     velocity = 0.5 * share * radar.waveform.velocity_span_mps
@@ -89,7 +89,7 @@ def test_sidelobes_and_angle_hold_over_the_whole_velocity_interval(share):
     assert level == pytest.approx(-13.25, abs=0.1)
     assert u == pytest.approx(U, abs=0.002)
     uncompensated = lobes(spoilt(selection, radar)[0, row], radar.array.virtual[:, 1], radar.waveform.wavelength_m)[1]
-    assert (uncompensated > -3.0) == (abs(share) > 0.9)
+    assert (uncompensated > -3.0) == (abs(share) > 0.8)
     half_cell = 0.5 * radar.waveform.velocity_step_mps
     assert selection.velocities_mps(radar.waveform)[0, row] == pytest.approx(velocity, abs=1.01 * half_cell)
 

@@ -86,14 +86,10 @@ class _Claim:
 def _acquired(folder: RemotePath, lock: RemotePath, option: str) -> _Claim:
     if tag := put_if(lock, _signature(), None):
         return _Claim(lock, tag)
-    found = kept(lock)
-    if found is None:  # given back meanwhile
-        if tag := put_if(lock, _signature(), None):
-            return _Claim(lock, tag)
-        raise InputError(option, f"another process is at work in {folder}", "to wait for it, or another folder")
-    holder = _holder(lock)
-    age = _age(lock, found.modified.timestamp())
-    if (age > LEASE_S or _is_gone(holder)) and (tag := put_if(lock, _signature(), found.tag)):
+    found, holder = kept(lock), _holder(lock)
+    age = 0.0 if found is None else _age(lock, found.modified.timestamp())
+    free = found is None or age > LEASE_S or _is_gone(holder)  # None: given back meanwhile
+    if free and (tag := put_if(lock, _signature(), found.tag if found else None)):
         return _Claim(lock, tag)
     problem = f"another process is at work in {folder}, {holder.get('host')} {holder.get('pid')}, seen {age:.0f} s ago"
     expected = f"to wait for it, or until it was not seen for {LEASE_S:.0f} s, or another folder"

@@ -15,30 +15,6 @@ LOCK = "lock"
 
 
 @contextmanager
-def one_job(folder: Path, lock_file: Path, option: str) -> Iterator[None]:
-    """Hold a folder for this process alone.
-
-    The system releases the lock with the process, however that ends. The file is removed at the end.
-
-    :param lock_file: within the folder; its parent is there
-    :param option: that named the folder, for the message
-    :raises InputError: another process holds it
-    """
-    lock = FileLock(lock_file)
-    try:
-        lock.acquire(blocking=False)
-    except Timeout:
-        raise InputError(
-            option, f"another process is at work in {folder}", "to wait for it, or another folder"
-        ) from None
-    try:
-        yield
-    finally:
-        lock_file.unlink(missing_ok=True)
-        lock.release()
-
-
-@contextmanager
 def claimed(folder: Path, notes: Path, option: str, check: Callable[[], object]) -> Iterator[None]:
     """Hold a folder for one job, from before any work is done until it is over; the folder is made if need be.
 
@@ -50,14 +26,23 @@ def claimed(folder: Path, notes: Path, option: str, check: Callable[[], object])
     :raises InputError: a folder that cannot be made or written to, or that another process holds
     """
     made = [path for path in (folder, *folder.parents) if not path.exists()]
+    lock = FileLock(notes / LOCK)  # the system releases it with the process, however that ends
     try:
         _make_writable(folder, option)
         if not notes.exists():  # otherwise a job is at work or was killed: the lock says which
             check()
         notes.mkdir(exist_ok=True)
-        with one_job(folder, notes / LOCK, option):
+        try:
+            lock.acquire(blocking=False)
+        except Timeout:
+            problem = f"another process is at work in {folder}"
+            raise InputError(option, problem, "to wait for it, or another folder") from None
+        try:
             check()
             yield
+        finally:
+            (notes / LOCK).unlink(missing_ok=True)
+            lock.release()
     finally:
         for path in (notes, *made):
             with suppress(OSError):  # something stands in it
