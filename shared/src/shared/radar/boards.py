@@ -14,9 +14,8 @@ on the elements alone; a public capture of 2 x 4 of them has its stated angles.
 What nothing says, and is taken here:
 
 - The wavelength of the single-chip boards' grid: that of :data:`DESIGN_HZ`. A wavelength 1 % off scales u by 1 %.
-- How the group of TX stands to the group of RX: both are centred on the radar's origin. In the far field only sums of
-  TX and RX positions count. At a range R an offset d of the group turns what is seen by about d / (2 R) rad, 0.06
-  degrees for 20 mm at 10 m.
+- How the group of TX stands to the group of RX: both are centred on the radar's origin. At a range R an offset d of the
+  group turns what is seen by about d / (2 R) rad, 0.06 degrees for 20 mm at 10 m.
 - Towards which side the numbers run. y falls with the number here: under that sign the echoes of the public captures of
   OpenRadar (8 channels) and of a cascade (86 elements) have the angles that are stated beside them. A radar file with
   ``mirror = true`` turns the board round.

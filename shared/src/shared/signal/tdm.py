@@ -6,25 +6,18 @@ mid-sweep, positive when receding. In the Doppler cell whose centre is f these c
 
     exp(-j 2 pi f i T / N)
 
-(Bechter, Roos and Waldschmidt, "Compensation of motion-induced phase errors in TDM MIMO radars", IEEE Microwave and
-Wireless Components Letters 27, 2017). TX 0 keeps its values.
+(Bechter, Roos and Waldschmidt, IEEE Microwave and Wireless Components Letters 27, 2017). TX 0 keeps its values.
 
 The chirps of one TX come every T, so that f_D is f + h / T with an integer h, the *interval*, that no Doppler spectrum
 knows. Channels of different TX whose virtual elements coincide see the same echo at different times. After the turn
 above they differ by exp(+j 2 pi h (i - i') / N). Turned back by each h they are added, and their power
-sum_places |sum_c x_c exp(-j 2 pi h i_c / N)|^2 is largest for the right h (Schmid, Feger, Pfeffer and Stelzer, "Motion
-compensation and efficient array design for TDMA FMCW MIMO radar systems", EuCAP 2012, compare the phases of such
-elements).
+sum_places |sum_c x_c exp(-j 2 pi h i_c / N)|^2 is largest for the right h (Schmid, Feger, Pfeffer and Stelzer, EuCAP
+2012, compare the phases of such elements). With an even number of chirps the lowest Doppler cell lies half below the
+interval, where it is the upper edge: the larger of its neighbours says which.
 
-What is left. A velocity off the centre of its Doppler cell, by at most half a cell, leaves at most pi i / (N M) rad
-(M chirps; 0.016 rad for 3 TX and 128 chirps). An echo that crosses rho range bins in a frame stands rho i / (N M) bins
-further in the channels of TX i: that changes its magnitude there by as much, and not its phase. With an even M the
-lowest Doppler cell lies half below the interval, where it is the upper edge: the larger of its neighbours says which.
-
-Limits. A range-Doppler cell has one h: where two targets of different h share it, the stronger decides. Without
-elements of different TX that coincide nothing tells h, and 0 is taken: a target outside the interval then stands at a
-wrong velocity and angle, or is blurred (:func:`statement`). Elements coincide in the far field; at a distance d a pair
-differs by up to k (y_tx^2 + y_rx^2 - y_tx'^2 - y_rx'^2) / (2 d) more.
+Limits: a range-Doppler cell has one h, that of the stronger target. Without elements that coincide nothing tells h, and
+0 is taken (:func:`statement`). Elements coincide in the far field; at a distance d a pair differs by up to
+k (y_tx^2 + y_rx^2 - y_tx'^2 - y_rx'^2) / (2 d) more. What compensation leaves is in docs/notes/tdm.md.
 """
 
 from __future__ import annotations
