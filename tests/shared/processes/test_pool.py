@@ -15,9 +15,8 @@ import psutil
 import pytest
 from pool_work import Squares, note_process
 
-from shared.processes.lock import claimed
-from shared.processes.pool import Processes, ThisProcess, WorkerPool
-from shared.processes.tasks import ATTEMPTS, LOSSES, Attempts, Finished
+from shared.dataset.claims import claimed
+from shared.processes.pool import ATTEMPTS, LOSSES, Attempts, Finished, Processes, ThisProcess, WorkerPool
 
 TESTS = Path(__file__).resolve().parents[2]
 
@@ -159,7 +158,7 @@ def wait_for(condition: object, seconds: float = 60.0) -> None:
 HELD = """
 import os, signal, sys
 from pathlib import Path
-from shared.processes.lock import claimed
+from shared.dataset.claims import claimed
 with claimed(Path(sys.argv[1]), Path(sys.argv[1]) / "notes", "--out", int):
     os.kill(os.getpid(), signal.SIGKILL)
 """

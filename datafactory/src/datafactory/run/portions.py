@@ -22,8 +22,7 @@ from datafactory.run.progress import FinishedShard, record_finished
 from datafactory.run.shards import Portion, ShardPlan, write_tables
 from shared.dataset.locations import Location
 from shared.physics.errors import InputError
-from shared.processes.pool import Processes, ThisProcess, WorkerPool
-from shared.processes.tasks import Pool
+from shared.processes.pool import Pool, Processes, ThisProcess, WorkerPool
 
 POLL_S = 1.0
 """Longest wait for a portion before the next look."""
@@ -121,7 +120,7 @@ def deal_out(
 
 
 def failure_line(failed: dict[Portion, str]) -> str:
-    """What to say of portions whose processes died, see :class:`shared.processes.tasks.Attempts`."""
+    """What to say of portions whose processes died, see :class:`shared.processes.pool.Attempts`."""
     (portion, how), *others = failed.items()
     shards = {item.plan for item, _ in others} - {portion.plan}
     more = f" (and {len(shards)} other shards)" if shards else ""
