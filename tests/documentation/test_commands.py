@@ -209,7 +209,7 @@ def test_a_file_of_the_text_is_read(page: Path, block: str, tmp_path: Path) -> N
     if "[material" in block:
         load_materials(path)
     elif ".cfg" in block:
-        pytest.skip("a configuration of the reader's board; tests/shared/radar/test_boards.py reads one")
+        pytest.skip("a configuration of the reader's board; tests/shared/radar/test_radar.py reads one")
     else:
         own_board = re.search(r"^board|^\[capture\]", block, re.M) is None or "board" in block
         load_capture_radar(str(path), None if own_board else "iwr1843")
