@@ -177,13 +177,8 @@ def test_functions_of_fast_kernels_are_inlined():
     assert [f"{name(outer)} calls {name(inner)}" for outer, inner in found if broken(outer, inner)] == []
 
 
-def test_no_kernel_takes_over_flags_of_its_caller():
+def test_no_kernel_takes_over_flags_of_its_caller_and_what_is_inlined_is_not_kept():
     for kernel in kernels():
+        assert (kernel.stats.cache_path is None) or not kernel.targetoptions["forceinline"], name(kernel)
         assert {"fastmath", "error_model", "forceinline"} <= set(kernel.targetoptions), name(kernel)
         assert "inline" not in kernel.targetoptions, name(kernel)
-
-
-def test_only_functions_that_python_calls_are_kept():
-    for kernel in kernels():
-        inner = kernel.targetoptions["forceinline"]
-        assert (kernel.stats.cache_path is None) or not inner, name(kernel)

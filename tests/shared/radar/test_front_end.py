@@ -52,15 +52,6 @@ def test_what_is_too_strong_is_cut_off_and_counted(small_radar):
     assert digitised(tone(radar, 100.3, 0.99 * full_scale), Converter(bits=10, full_scale_dbm=-40.0))[1] == 0
 
 
-def test_one_bit_keeps_the_signs_alone(small_radar, generator):
-    radar = small_radar()
-    noise = receiver_noise(radar, generator)
-    cube, _ = digitised(noise, Converter(bits=1, full_scale_dbm=-60.0))
-    step = np.float32(np.sqrt(dbm_to_watt(-60.0)) / 2.0)
-    np.testing.assert_allclose(cube.real, np.where(noise.real >= 0.0, step, -step), rtol=1e-6)
-    np.testing.assert_allclose(cube.imag, np.where(noise.imag >= 0.0, step, -step), rtol=1e-6)
-
-
 # Phase noise
 
 

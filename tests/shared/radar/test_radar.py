@@ -13,7 +13,7 @@ from radar_files import CFG
 from shared.physics.errors import InputError
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.processes.defaults import DEFAULT_RADAR
-from shared.radar import PRESETS, FrontEnd, Radar, load_capture_radar, load_radar
+from shared.radar import PRESETS, Radar, load_capture_radar, load_radar
 from shared.radar.antenna import IsotropicPattern
 from shared.radar.arrays import AVR_QDM_110_THINNED_RX, AntennaArray, avr_qdm_110, virtual_sensor_256
 from shared.radar.boards import BOARDS
@@ -94,10 +94,6 @@ def test_metadata_is_json_and_holds_the_axes():
     assert edges["stop"] == pytest.approx(-edges["start"])
     stated = document["axes"]["u"]
     np.testing.assert_allclose(stated["start"] + stated["step"] * np.arange(stated["bins"]), radar.grid.u)
-    # Waveform and front end come back from the metadata alone.
-    again = Waveform(**{field: document["radar"][field] for field in Waveform.model_fields})
-    assert again == radar.waveform
-    assert FrontEnd(**{field: document["radar"][field] for field in FrontEnd.model_fields}) == radar.front_end
 
 
 def test_the_virtual_sensor_follows_the_carrier(tmp_path):

@@ -13,7 +13,7 @@ from shared.radar import FrontEnd, Radar
 from shared.radar.antenna import IsotropicPattern
 from shared.radar.arrays import AntennaArray
 from shared.radar.waveform import Waveform
-from shared.signal import if_signal, round_trip_delays, target_amplitudes
+from shared.signal import if_signal, target_amplitudes
 from shared.signal.spectrum import range_doppler
 from shared.signal.windows import cell_noise_power
 
@@ -92,13 +92,6 @@ def test_an_approaching_target_has_negative_range_rate(small_radar):
         power = (np.abs(range_doppler(cube.astype(np.complex64), radar)) ** 2).sum(axis=(0, 2))
         found = radar.waveform.velocities_mps[power.argmax()]
         assert abs(found - speed) <= 0.5 * radar.waveform.velocity_step_mps
-
-
-def test_delay_is_twice_the_range_for_a_pair_at_the_origin(small_radar):
-    radar = small_radar(chirps=4).model_copy(update={"array": PAIR})
-    delays = round_trip_delays(radar, np.array([30.0, 40.0, 0.0]), np.array([6.0, 8.0, 0.0]))
-    times = radar.waveform.chirp_interval_s * np.arange(4)
-    np.testing.assert_allclose(delays[0], 2.0 * (50.0 + 10.0 * times) / 299_792_458.0, rtol=1e-15)
 
 
 def test_noise_power_agrees_with_its_formula(small_radar):
