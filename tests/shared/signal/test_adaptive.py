@@ -258,3 +258,10 @@ def test_a_prior_multiplies_the_powers_of_each_iteration(rule):
     np.testing.assert_allclose(in_torch.numpy(), found, rtol=2e-2, atol=1e-4)
     flat = adaptive_powers(x, noise, tables, 3, rule, prior=np.ones_like(prior))
     np.testing.assert_array_equal(flat, adaptive_powers(x, noise, tables, 3, rule))
+
+
+def test_the_phase_of_an_echo_is_that_in_the_middle_of_the_channels():
+    channels, u = chosen("sparse6"), scanned_angles(RADAR)
+    middle = np.exp(-2j * np.pi / RADAR.waveform.wavelength_m * u * RADAR.array.virtual[channels, 1].mean())
+    expected = full_manifold(channels, u).conj() * middle
+    np.testing.assert_allclose(adaptive_tables(RADAR, channels).matched, expected, atol=1e-6)
