@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from radar_files import CFG
+from raw_files import CFG
 
 from shared.physics.errors import InputError
 from shared.physics.units import SPEED_OF_LIGHT
