@@ -43,14 +43,10 @@ def compensated(
     """Range-Doppler spectra [R, chirps, C], velocity rising, with every TX turned back to TX 0; in place.
 
     Exact for a target at the centre of its Doppler cell and within the velocity interval, and for all of TX 0.
-
-    :raises ValueError: other channels than those of the radar's array
     """
     turn = turns(radar)
     if not turn.any():
         return spectra
-    if spectra.shape[2] != len(turn):
-        raise ValueError(f"spectra of {spectra.shape[2]} channels; expected the {len(turn)} of a TDM radar's array")
     chirps = radar.waveform.chirps
     cycles = (np.arange(chirps) - chirps // 2) / chirps  # in a chirp interval
     spectra *= _phasors(cycles[:, None] * turn, spectra)
