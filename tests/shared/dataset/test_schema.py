@@ -6,18 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from small_dataset import (
-    BINS,
-    CHANNELS,
-    CHIRPS,
-    PEAKS,
-    RADAR,
-    ROWS,
-    SAMPLES,
-    assert_same,
-    make_frame,
-    write,
-)  # fmt: skip
+from small_dataset import BINS, CHANNELS, CHIRPS, PEAKS, RADAR, ROWS, SAMPLES, assert_same, make_frame, write
 
 from shared.dataset import Box, Target, arrow_schema, description, row_bytes, to_record_batch
 from shared.dataset.reading import read_description, read_frame, read_frames
@@ -73,10 +62,7 @@ def test_row_bytes_is_what_arrow_holds():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (
-            {"image": np.zeros((ROWS, BINS + 1), np.float32)},
-            r"frame 1: image is float32 \[6, 21\]; expected.*\[6, 20\]",
-        ),
+        ({"image": np.zeros((ROWS, BINS + 1), np.float32)}, r"frame 1: image is float32 \[6, 21\]; expected.*\[6, 20"),
         ({"image": np.zeros((ROWS, BINS))}, "frame 1: image is float64"),
         ({"image": np.full((ROWS, BINS), np.nan, np.float32)}, "frame 1: image has 120 values that are not finite"),
         ({"range_channel": None}, "frame 1: range_channel is None; expected complex64"),
