@@ -12,15 +12,7 @@ from typing import Annotated
 import pytest
 from manual import DOCS, ROOT
 from pydantic import BaseModel, Field
-from reference import (
-    commands_page,
-    descriptions,
-    fields_table,
-    fit_page,
-    materials_page,
-    names_page,
-    radar_page,
-)
+from reference import commands_page, descriptions, fields_table, fit_page, materials_page, names_page, radar_page
 from typer.main import get_command
 
 from datafactory import convert, merge, plan, render, trace

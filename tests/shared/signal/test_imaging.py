@@ -17,13 +17,7 @@ from datafactory.synthesis.truth import truth_moments
 from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AVR_QDM_110_THINNED_RX, AntennaArray, line
 from shared.radar.waveform import Waveform
-from shared.signal.imaging import (
-    PRODUCT_FRAMES,
-    delay_and_sum,
-    near_field_images,
-    steering_matrix,
-    sweep_moments,
-)
+from shared.signal.imaging import PRODUCT_FRAMES, delay_and_sum, near_field_images, steering_matrix, sweep_moments
 from shared.signal.spectrum import DopplerSelection, range_doppler, select_doppler
 
 COUNT = 24
