@@ -187,14 +187,9 @@ def test_the_interval_is_found_at_the_stated_signal_to_noise_ratio():
     for snr_db in (3.0, 10.0):
         h, cell = generator.integers(-1, 2, 1000), generator.integers(2, 14, 1000)
         cycles = (cell - 8) / 16 + h
-        signal = np.exp(2j * np.pi * generator.random(1000))[:, None] * np.exp(
-            -2j
-            * np.pi
-            * generator.uniform(-0.9, 0.9, 1000)[:, None]
-            * radar.array.virtual[:, 1]
-            / waveform.wavelength_m
-        )
-        signal *= np.exp(2j * np.pi * cycles[:, None] * radar.array.channel_tx / 3)
+        phase, u = generator.random(1000)[:, None], generator.uniform(-0.9, 0.9, 1000)[:, None]
+        phase = phase - u * radar.array.virtual[:, 1] / waveform.wavelength_m
+        signal = np.exp(2j * np.pi * (phase + cycles[:, None] * radar.array.channel_tx / 3))
         noise = generator.standard_normal((1000, 12, 2)) @ np.array([1.0, 1.0j]) * np.sqrt(0.5)
         spectra = np.zeros((1000, 16, 12), np.complex64)
         spectra[np.arange(1000), cell] = 10.0 ** (snr_db / 20.0) * signal + noise
