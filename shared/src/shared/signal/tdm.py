@@ -25,7 +25,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Complex, Float, Float64, Int, Int64
+from jaxtyping import Complex, Float64, Int, Int64
 
 from shared.radar import Radar
 from shared.signal.signal import chirp_times
@@ -49,55 +49,11 @@ def compensated(
         return spectra
     chirps = radar.waveform.chirps
     cycles = (np.arange(chirps) - chirps // 2) / chirps  # in a chirp interval
-    spectra *= _phasors(cycles[:, None] * turn, spectra)
+    spectra *= phasors(cycles[:, None] * turn, spectra)
     return spectra
 
 
-def unfolded(
-    range_channel: Complex[np.ndarray, "peaks rows channels"],
-    cells: Int64[np.ndarray, "peaks rows"],
-    magnitude: Float[np.ndarray, "rows chirps"],
-    radar: Radar,
-) -> tuple[Complex[np.ndarray, "peaks rows channels"], Int64[np.ndarray, "peaks rows"]]:
-    """(compensated channels [D, R, C] turned to the most coherent interval, those intervals h [D, R]).
-
-    Velocities lie within :attr:`shared.radar.Radar.velocity_intervals` intervals around 0. Of intervals that the
-    channels do not tell apart the one of least velocity is taken. Zeros have h = 0.
-
-    :param cells: [D, R] Doppler cells on the rising velocity axis
-    :param magnitude: [R, chirps] mean over the channels
-    """
-    turn, known, chirps = turns(radar), radar.velocity_intervals, radar.waveform.chirps
-    if not turn.any():
-        return range_channel, np.zeros_like(cells)
-    interval = _most_coherent(range_channel, radar) if known > 1 else np.zeros_like(cells)
-    cycles = (cells - chirps // 2) / chirps
-    interval -= known * np.floor((cycles + interval) / known + 0.5).astype(np.int64)
-    rows = np.arange(len(magnitude))
-    upper = magnitude[rows, -1] > magnitude[rows, 1 % chirps]
-    interval += known * ((cycles + interval == -0.5 * known) & upper)
-    return range_channel * _phasors(interval[..., None] * turn, range_channel), interval
-
-
-def turned_as(
-    values: Complex[np.ndarray, "peaks rows channels"],
-    cells: Int64[np.ndarray, "peaks rows"],
-    others: Float64[np.ndarray, "peaks rows"],
-    radar: Radar,
-) -> Complex[np.ndarray, "peaks rows channels"]:
-    """Compensated channels [D, R, C] of ``cells``, turned back by the phases of the Doppler cells ``others``.
-
-    An echo that stands between cells shows in several of them, and has one velocity.
-
-    :param others: the interval included, in cells
-    """
-    turn = turns(radar)
-    if not turn.any():
-        return values
-    return values * _phasors((others - cells)[..., None] / radar.waveform.chirps * turn, values)
-
-
-def _most_coherent(
+def most_coherent(
     range_channel: Complex[np.ndarray, "peaks rows channels"], radar: Radar
 ) -> Int64[np.ndarray, "peaks rows"]:
     """[D, R] h from 0 on under which the elements that coincide agree best."""
@@ -107,12 +63,12 @@ def _most_coherent(
     at_places, turn = range_channel[..., order], turns(radar)[order]
     power = np.empty((radar.velocity_intervals, *range_channel.shape[:2]))
     for h in range(len(power)):
-        added = np.add.reduceat(at_places * _phasors(h * turn, at_places), first, axis=-1)
+        added = np.add.reduceat(at_places * phasors(h * turn, at_places), first, axis=-1)
         power[h] = (np.abs(added) ** 2).sum(axis=-1)
     return power.argmax(axis=0)
 
 
-def _phasors(cycles: Float64[np.ndarray, "*any"], like: Complex[np.ndarray, "*other"]) -> Complex[np.ndarray, "*any"]:
+def phasors(cycles: Float64[np.ndarray, "*any"], like: Complex[np.ndarray, "*other"]) -> Complex[np.ndarray, "*any"]:
     """exp(-j 2 pi cycles) in the precision of ``like``."""
     return np.exp(-2j * np.pi * cycles).astype(like.dtype)
 
