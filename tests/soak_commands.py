@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 import time
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -265,14 +264,13 @@ def table(tallies: dict[str, Tally]) -> str:
     """The tallies in Markdown."""
     heads = ["command", *(f"{kind} kills" for kind in KINDS), "runs compared", "differing", "hangs", "orphans",
              "leftovers", "tracebacks", "longest wait [s]"]  # fmt: skip
-    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
-    totals: dict[str, float] = defaultdict(float)
-    for name, tally in tallies.items():
-        numbers = [*tally.kills.values(), tally.finished, tally.differing, tally.hangs, tally.orphans, tally.leftovers,
-                   tally.tracebacks]  # fmt: skip
-        for head, number in zip(heads[1:], numbers, strict=False):
-            totals[head] += number
-        lines.append("| " + " | ".join([name, *map(str, numbers), f"{tally.waited_s:.1f}"]) + " |")
-    longest = max(tally.waited_s for tally in tallies.values())
-    sums = [f"{totals[head]:.0f}" for head in heads[1:-1]]
-    return "\n".join([*lines, "| " + " | ".join(["all", *sums, f"{longest:.1f}"]) + " |"])
+    rows = {
+        name: [*tally.kills.values(), tally.finished, tally.differing, tally.hangs, tally.orphans, tally.leftovers,
+               tally.tracebacks]
+        for name, tally in tallies.items()
+    }  # fmt: skip
+    rows["all"] = [sum(column) for column in zip(*rows.values(), strict=True)]
+    waited = {name: tally.waited_s for name, tally in tallies.items()}
+    waited["all"] = max(waited.values())
+    lines = [[name, *map(str, numbers), f"{waited[name]:.1f}"] for name, numbers in rows.items()]
+    return "\n".join(f"| {' | '.join(line)} |" for line in (heads, ["---"] * len(heads), *lines))
