@@ -13,11 +13,8 @@ QUARTER = np.array([(0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)])
 FAR = np.array([5e5, 5e6, 100.0])
 
 
-def beside(x_m: float, moves: bool = False, shape: Shape = BOX) -> list[Standing]:
-    return [
-        Standing("one", BOX, place=FAR, moves=moves),
-        Standing("other", shape, QUARTER, np.add(FAR, (x_m, 0.0, 0.0))),
-    ]
+def beside(x_m: float) -> list[Standing]:
+    return [Standing("one", BOX, place=FAR), Standing("other", BOX, QUARTER, np.add(FAR, (x_m, 0.0, 0.0)))]
 
 
 @pytest.mark.parametrize(("x_m", "shared_m"), [(1.5, 0.0), (1.0, 0.0), (0.995, 0.0), (0.9, 0.1), (0.5, 0.5)])
