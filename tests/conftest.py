@@ -65,8 +65,6 @@ LONG = (
     "integration/test_stored_paths.py::test_traced_now_and_rendered_later_is_rendered_at_once[5",
     "shared/dataset/test_locations.py::test_a_store_that_is_not_there_is_one_line[s3://b/set?endpoint_override=127",
     "shared/physics/test_compiled.py::test_a_read_only",
-    "shared/physics/test_compiled.py::test_machine_code",
-    "test_browser.py",
 )
 """How the names begin of tests that are all marked slow: what they hold takes long, and seldom breaks."""
 

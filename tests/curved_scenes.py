@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from curved_bodies import (
-    Mesh,
-)
+from curved_bodies import Mesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import fresnel

@@ -16,8 +16,7 @@ import scipy.io
 import torch
 import trimesh
 from numpy_bytes import npz, of_array
-from radar_files import CFG
-from raw_files import quantised, radar_file, scene, write_cascade, write_two_lanes
+from raw_files import CFG, quantised, radar_file, scene, write_cascade, write_two_lanes
 
 from datafactory.paths.storage import TracedFrame, paths_schema, to_row, writer_options
 from datafactory.paths.table import PathTable, ScatteredPaths

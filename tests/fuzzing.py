@@ -10,7 +10,6 @@ from __future__ import annotations
 import inspect
 import json
 import os
-import re
 from collections.abc import Callable
 from typing import Any
 
@@ -50,22 +49,6 @@ JSON = st.recursive(
     max_leaves=8,
 )
 
-NUMBER = re.compile(rb"[-+]?\d[\d.]*(?:[eE][-+]?\d+)?")
-NAME = re.compile(rb"[A-Za-z_][\w:]*")
-NUMBERS = b"0 -1 3 nan inf -inf 1e300 1e38 1e-300 2147483648 4294967295 0.1".split()
-
-Edit = tuple[str, int, int]
-PLACE = st.integers(0, 2**20)
-EDITS = st.lists(
-    st.tuples(st.sampled_from(["number", "number", "copy", "name", "drop", "repeat", "swap"]), PLACE, PLACE),
-    min_size=1,
-    max_size=4,
-)
-"""(what is done, where, with what) by number, round and round: most of what comes out can still be parsed.
-
-A number becomes an odd one or another number of the file, a name another name; lines are left out, repeated, exchanged.
-"""
-
 
 def damaged(good: bytes, splices: list[Splice]) -> bytes:
     for where, out, put in splices:
@@ -78,30 +61,6 @@ def flipped(good: bytes, generator: np.random.Generator) -> tuple[bytes, str]:
     """One bit is another; which."""
     place, bit = int(generator.integers(len(good))), int(generator.integers(8))
     return good[:place] + bytes([good[place] ^ 1 << bit]) + good[place + 1 :], f"bit {bit} of byte {place}"
-
-
-def edited(good: bytes, edits: list[Edit]) -> bytes:
-    """The text with some numbers, names and lines of it changed; its first line stays."""
-    head, _, text = good.partition(b"\n")
-    for what, where, other in edits:
-        if what in ("number", "copy", "name"):
-            found = list((NAME if what == "name" else NUMBER).finditer(text))
-            if not found:
-                continue
-            place = found[where % len(found)]
-            put = NUMBERS[other % len(NUMBERS)] if what == "number" else found[other % len(found)][0]
-            text = text[: place.start()] + put + text[place.end() :]
-            continue
-        lines = text.split(b"\n")
-        one, two = where % len(lines), other % len(lines)
-        if what == "drop":
-            del lines[one]
-        elif what == "repeat":
-            lines[one:one] = lines[one : one + 1 + other % 6]
-        else:
-            lines[one], lines[two] = lines[two], lines[one]
-        text = b"\n".join(lines)
-    return head + b"\n" + text
 
 
 def altered(document: Any, edits: list[tuple[float, Any]]) -> Any:

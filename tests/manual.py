@@ -91,25 +91,6 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
 
 
-def sentences(page: Path) -> list[str]:
-    """The running text of a page as sentences, without code, tables, headings and pictures' addresses."""
-    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.S | re.M)
-    kept: list[str] = []
-    for line in text.splitlines():
-        if re.match(r"    |\||#", line):
-            kept.append("")
-        elif line.startswith(("- ", "* ")):
-            kept += ["", line[2:]]
-        else:
-            kept.append(line)
-    paragraphs = re.split(r"\n\s*\n", "\n".join(kept))
-    found = []
-    for paragraph in paragraphs:
-        plain = re.sub(r"\]\([^)]*\)|[\[\]*`!]", "", " ".join(paragraph.split()))
-        found += [sentence for sentence in re.split(r"(?<=[.:;?])\s+", plain) if sentence.strip()]
-    return found
-
-
 def run_program(patch: pytest.MonkeyPatch, program: str, arguments: list[str]) -> None:
     """``datafactory`` or ``trainer`` in this process; the exit status is 0."""
     from datafactory.cli.app import main as datafactory

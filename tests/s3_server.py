@@ -19,6 +19,7 @@ import urllib.request
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -58,6 +59,12 @@ class Server:
         }
         with urllib.request.urlopen(urllib.request.Request(url, body or None, headers, method=method)) as answer:
             return answer.read()
+
+    def upload(self, folder: Path, key: str) -> str:
+        """The URI of a copy of a local folder."""
+        for path in folder.rglob("*.*"):
+            self.request("PUT", f"/{BUCKET}/{key}/{path.relative_to(folder).as_posix()}", path.read_bytes())
+        return self.uri(key)
 
     def objects(self, prefix: str = "") -> dict[str, bytes]:
         """Content by key."""

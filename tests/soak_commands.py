@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import random
+import shutil
 import subprocess
 import sys
 import time
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from array_jobs import ArrayRun
 from small_radar import write_small_radar
 
 if TYPE_CHECKING:
@@ -77,6 +76,88 @@ def _hashes(folder: Path, paths: Iterable[Path]) -> dict[str, str]:
     return {
         path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(paths)
     }
+
+
+JOBS = 3
+KILLED = f"1/{JOBS}"
+
+Run = Callable[[list[str]], object]
+Hashes = Callable[[Path], dict[str, str]]
+
+
+class ArrayRun:
+    """Kills between and within the jobs of an array: the run in one piece, and the jobs that are not killed.
+
+    ``job`` is one job of three; the other two are finished before. What is compared of it is the merge of all three.
+    After each kill a merge is tried: as long as the job is not finished it has to be refused with the frames that are
+    missing, and to leave nothing behind. ``merge`` is the merge itself, killed and resumed.
+
+    :param factory: the command; :param scene: what every job is given
+    :param killed: the same, for the job that is killed
+    :param run: runs a command that has to succeed; :param hashes: of a dataset's shards
+    """
+
+    def __init__(self, factory: str, scene: list[str], killed: list[str], work: Path, run: Run, hashes: Hashes) -> None:
+        self._factory, self._work, self._hashes = factory, work, hashes
+        frames = ["--frames", "44", "--points", "4"]
+        self._render, self._killed = [factory, "render", *scene, *frames], [factory, "render", *killed, *frames]
+        self._others = work / "array-others"
+        run([*self._render, "--out", str(work / "array-whole")])
+        self.expected = hashes(work / "array-whole")
+        for number in (0, 2):
+            run([*self._render, "--out", str(self._others), "--shard", f"{number}/{JOBS}"])
+        self._all = work / "array-all"
+        shutil.copytree(self._others, self._all)
+        run([*self._render, "--out", str(self._all), "--shard", KILLED])
+
+    def job(self, out: Path) -> list[str]:
+        """The command of the job that is killed."""
+        return [*self._killed, "--out", str(out), "--shard", KILLED]
+
+    def reference(self, out: Path) -> list[str]:
+        """The command of the same job where it is not killed."""
+        return [*self._render, "--out", str(out), "--shard", KILLED]
+
+    def merge(self, out: Path) -> list[str]:
+        """The command of a merge that is killed."""
+        return [self._factory, "merge", str(self._all), "--out", str(out)]
+
+    def merged(self, out: Path) -> dict[str, str]:
+        """Hashes of what the finished job and the others merge to.
+
+        :raises OSError: the merge is refused, or is not the run in one piece
+        """
+        target = self._work / "array-merged"
+        shutil.rmtree(target, ignore_errors=True)
+        done = self._merge(out, target)
+        if done.returncode:
+            raise OSError(done.stderr[-800:])
+        return self.whole(target)
+
+    def whole(self, folder: Path) -> dict[str, str]:
+        """Hashes of a merged dataset.
+
+        :raises OSError: it is not the run in one piece
+        """
+        found = self._hashes(folder)
+        if found != self.expected:
+            raise OSError(f"{folder} is not the run in one piece")
+        return found
+
+    def fault(self, out: Path) -> str:
+        """How a merge with the unfinished job behaves that should be refused; "" where it is."""
+        if any(out.glob("job-*/manifest.json")):
+            return ""  # killed after its last file
+        target = self._work / "array-refused"
+        done = self._merge(out, target)
+        if done.returncode == 2 and " missing" in done.stderr and done.stderr.count("\n") == 1 and not target.exists():
+            return ""
+        return f"merge of an unfinished job: status {done.returncode}, {done.stderr[-400:]}"
+
+    def _merge(self, out: Path, target: Path) -> subprocess.CompletedProcess[str]:
+        jobs = [str(folder) for folder in (self._others, out) if folder.is_dir() and any(folder.glob("job-*"))]
+        command = [self._factory, "merge", *jobs, "--out", str(target)]
+        return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
 def commands(work: Path, names: list[str]) -> list[Command]:
@@ -183,14 +264,13 @@ def table(tallies: dict[str, Tally]) -> str:
     """The tallies in Markdown."""
     heads = ["command", *(f"{kind} kills" for kind in KINDS), "runs compared", "differing", "hangs", "orphans",
              "leftovers", "tracebacks", "longest wait [s]"]  # fmt: skip
-    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
-    totals: dict[str, float] = defaultdict(float)
-    for name, tally in tallies.items():
-        numbers = [*tally.kills.values(), tally.finished, tally.differing, tally.hangs, tally.orphans, tally.leftovers,
-                   tally.tracebacks]  # fmt: skip
-        for head, number in zip(heads[1:], numbers, strict=False):
-            totals[head] += number
-        lines.append("| " + " | ".join([name, *map(str, numbers), f"{tally.waited_s:.1f}"]) + " |")
-    longest = max(tally.waited_s for tally in tallies.values())
-    sums = [f"{totals[head]:.0f}" for head in heads[1:-1]]
-    return "\n".join([*lines, "| " + " | ".join(["all", *sums, f"{longest:.1f}"]) + " |"])
+    rows = {
+        name: [*tally.kills.values(), tally.finished, tally.differing, tally.hangs, tally.orphans, tally.leftovers,
+               tally.tracebacks]
+        for name, tally in tallies.items()
+    }  # fmt: skip
+    rows["all"] = [sum(column) for column in zip(*rows.values(), strict=True)]
+    waited = {name: tally.waited_s for name, tally in tallies.items()}
+    waited["all"] = max(waited.values())
+    lines = [[name, *map(str, numbers), f"{waited[name]:.1f}"] for name, numbers in rows.items()]
+    return "\n".join(f"| {' | '.join(line)} |" for line in (heads, ["---"] * len(heads), *lines))

@@ -89,9 +89,9 @@ class Web(http.server.BaseHTTPRequestHandler):
 
 
 @contextmanager
-def web_server(root: Path, kind: type[Web] = Web) -> Iterator[tuple[str, type[Web]]]:
+def web_server(root: Path) -> Iterator[tuple[str, type[Web]]]:
     """Serve a folder; gives the URL, and the handler whose class attributes decide how it answers."""
-    handler = type("Bound", (kind,), {"root": root, "asked": []})
+    handler = type("Bound", (Web,), {"root": root, "asked": []})
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()

@@ -40,13 +40,11 @@ from workloads import FULL, QUICK, Size, Workload
 PACKAGES = ("numpy", "scipy", "numba", "sionna-rt", "mitsuba", "drjit", "sparseradar-datafactory")
 BENCHMARKS: dict[str, Callable[[Workload], Record]] = {
     "cube_moving_vs_direct": cubes.moving_vs_direct,
-    "cube_two_threads_vs_one": cubes.two_threads_vs_one,
     "cube_tolerance_1e-3_vs_1e-6": partial(cubes.other_tolerance, tolerance="1e-3"),
     "cube_tolerance_1e-9_vs_1e-6": partial(cubes.other_tolerance, tolerance="1e-9"),
     "cube_vs_chirps_1e-6": partial(cubes.vs_chirps, tolerance="1e-6"),
     "cube_vs_chirps_1e-4": partial(cubes.vs_chirps, tolerance="1e-4"),
     "truth_vs_exact": images.truth_vs_exact,
-    "truth_synthesis_vs_cube": images.truth_synthesis_vs_cube,
     "cube_on_torch_vs_compiled": partial(devices.cube, device="cpu"),
     "truth_on_torch_vs_compiled": partial(devices.truth, device="cpu"),
     "cube_on_cuda_vs_compiled": partial(devices.cube, device="cuda"),

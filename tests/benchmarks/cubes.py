@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from oracles import relative_error
 from record import RELATIVE_L2, Record, timed
 from workloads import EGO_SPEED_MPS, Workload, street
 
@@ -12,10 +11,10 @@ from datafactory.synthesis.motion import Recording
 from datafactory.synthesis.sorting import sorted_paths
 
 
-def _ours(work: Workload, tolerance: str = "1e-6", threads: int = 1) -> str:
+def _ours(work: Workload, tolerance: str = "1e-6") -> str:
     waveform, channels = work.radar.waveform, work.radar.array.channels
     size = f"{work.size.paths} paths x {channels} channels x {waveform.chirps} chirps x {waveform.samples} samples"
-    return f"cube_of_paths, {size}, tolerance {tolerance}, {threads} thread{'s' if threads > 1 else ''}"
+    return f"cube_of_paths, {size}, tolerance {tolerance}, 1 thread"
 
 
 def moving_vs_direct(work: Workload) -> Record:
@@ -31,21 +30,6 @@ def moving_vs_direct(work: Workload) -> Record:
         error=work.error_against_direct(cube),
         error_unit=RELATIVE_L2,
         details={"measured_reference_seconds": direct_time.seconds},
-    )
-
-
-def two_threads_vs_one(work: Workload) -> Record:
-    """The moving cube on two threads."""
-    elapsed, cube = work.cube_at(1e-6, threads=2)
-    one_time, one = work.cube
-    return Record(
-        name="cube_two_threads_vs_one",
-        ours=_ours(work, threads=2),
-        ours_time=elapsed,
-        reference="the same on 1 thread",
-        reference_time=one_time,
-        error=relative_error(cube, one),
-        error_unit=RELATIVE_L2,
     )
 
 

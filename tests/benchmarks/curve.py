@@ -16,10 +16,8 @@ from typing import Annotated
 
 import matplotlib
 import typer
-from ego_motion import row, scored
+from ego_motion import judged_frames, row, scored
 
-from shared.dataset.folder import MANIFEST, open_dataset
-from shared.dataset.reading import radar_of
 from trainer.data.arrays import choose_array
 from trainer.metrics.bootstrap import Interval, bootstrap_mean
 from trainer.metrics.ranking import average_precision
@@ -53,9 +51,7 @@ def main(
     array: Annotated[str, typer.Option()] = "sparse6",
     out: Annotated[Path, typer.Option()] = Path("docs/weights.png"),
 ) -> None:
-    opened = open_dataset(dataset)
-    radar = radar_of(opened.description(), dataset / MANIFEST)
-    frames = list(opened.frames("test", ("range_channel", "velocity", "image")))
+    frames, radar = judged_frames(dataset)
 
     def score(name: str, answer: Answer) -> tuple[Interval, Interval]:
         ranking, errors = scored(answer, frames, radar)

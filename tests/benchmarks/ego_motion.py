@@ -32,6 +32,8 @@ from trainer.run.answers import Answer, array_answer, network_answer
 from trainer.run.folder import load_imager
 from trainer.run.pretrained import pretrained_run
 
+Scored = tuple[Ranking, NDArray[np.float64]]
+"""The detections of all frames, and the NMSE of each."""
 VIEWS = ("iaa-view", "likes-view", "likes-view-ego")
 PAIRS = (
     ("likes-view", "iaa-view"), ("likes-view-ego", "likes-view"), ("network", "likes-view-ego"),
@@ -40,9 +42,7 @@ PAIRS = (
 
 
 def main(dataset: Path, arrays: Sequence[str]) -> None:
-    opened = open_dataset(dataset)
-    radar = radar_of(opened.description(), dataset / MANIFEST)
-    frames = list(opened.frames("test", ("range_channel", "velocity", "image")))
+    frames, radar = judged_frames(dataset)
     for array in arrays:
         found = {name: scored(answer, frames, radar) for name, answer in _answers(array, radar)}
         views = array_answer("likes-view-ego", choose_array(array, radar), radar)
@@ -51,9 +51,14 @@ def main(dataset: Path, arrays: Sequence[str]) -> None:
             row(array, name, average_precision(ranking), bootstrap_mean(errors))
         for one, other in PAIRS:
             if one in found:
-                (ranking, errors), (below, error_below) = found[one], found[other]
-                gain = average_precision(ranking, below)
-                row(array, f"{one} less {other}", gain, bootstrap_mean(errors - error_below))
+                difference(array, f"{one} less {other}", found[one], found[other])
+
+
+def judged_frames(dataset: Path) -> tuple[list[Frame], Radar]:
+    """Frames of the test split, and their radar."""
+    opened = open_dataset(dataset)
+    frames = list(opened.frames("test", ("range_channel", "velocity", "image")))
+    return frames, radar_of(opened.description(), dataset / MANIFEST)
 
 
 def _answers(array: str, radar: Radar) -> Iterator[tuple[str, Answer]]:
@@ -80,8 +85,7 @@ def _estimated(frame: Frame, answer: Answer) -> Frame:
     )
 
 
-def scored(answer: Answer, frames: Sequence[Frame], radar: Radar) -> tuple[Ranking, NDArray[np.float64]]:
-    """(the detections of all frames, [frames] NMSE)."""
+def scored(answer: Answer, frames: Sequence[Frame], radar: Radar) -> Scored:
     cells, errors = scores(answer, frames, radar)
     return pooled(cells), errors
 
@@ -96,6 +100,11 @@ def scores(answer: Answer, frames: Sequence[Frame], radar: Radar) -> tuple[list[
         cells.append(answer.score_cells(truth, rows, noise, seen))
         errors.append(nmse(seen[0], truth))
     return cells, np.array(errors)
+
+
+def difference(array: str, name: str, one: Scored, other: Scored) -> None:
+    """What one scores less another, frame by frame."""
+    row(array, name, average_precision(one[0], other[0]), bootstrap_mean(one[1] - other[1]))
 
 
 def row(array: str, name: str, precision: Interval, error: Interval) -> None:

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from oracles import doppler_filtered, matched_filter_row, peak_error_db
+from oracles import matched_filter_row, peak_error_db
 from record import DB_OF_PEAK, Record, Timing, timed
-from workloads import EGO_SPEED_MPS, SEED, Workload, street
+from workloads import SEED, Workload
 
 from datafactory.defaults import IMAGE_BATCH
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths
-from datafactory.synthesis.truth import truth_moments
 from shared.radar import Radar
 from shared.signal.imaging import DEFAULT_TERMS, near_field_images, sweep_moments
-from shared.signal.spectrum import range_doppler, select_doppler
 
 RANGES_M = (3.0, 5.7, 20.0, 60.0)
 FRAMES = 8
@@ -22,10 +20,6 @@ FRAMES = 8
 ECHOES = 5
 MARGIN_ROWS = 24
 """Rows on either side of the echoes on which images are compared; Hann's skirts are below -80 dB beyond."""
-CHECKED_ELEMENTS = 32
-"""Outermost elements of the virtual sensor on which its moments are checked: where the delays differ most."""
-VIRTUAL_CHIRPS = 2
-"""Chirps of the virtual cube that are really synthesised."""
 
 
 def _ours(work: Workload) -> str:
@@ -102,42 +96,3 @@ def truth_vs_exact(work: Workload) -> Record:
             **errors,
         },
     )
-
-
-def truth_synthesis_vs_cube(work: Workload) -> Record:
-    """Sweep moments of the moving truth against synthesising the virtual sensor's whole cube."""
-    radar, paths = work.radar, work.paths
-    cells = select_doppler(range_doppler(work.cube[1], radar), 0.0, 1).cells[0]
-    truth_moments(street(32, EGO_SPEED_MPS), radar, cells)
-    elapsed, _ = timed(lambda: truth_moments(paths, radar, cells), work.size.repeats)
-    short = radar.model_copy(update={"waveform": radar.waveform.model_copy(update={"chirps": VIRTUAL_CHIRPS})})
-    cube_of_paths(street(32, EGO_SPEED_MPS), short, array=work.sensor)
-    cube_time, _ = timed(lambda: cube_of_paths(paths, short, array=work.sensor), 1)
-    chirps = radar.waveform.chirps
-    return Record(
-        name="truth_synthesis_vs_cube",
-        ours=f"truth_moments, {work.size.paths} paths x {work.sensor.channels} channels, a cell a row, 1 thread",
-        ours_time=elapsed,
-        reference=f"cube_of_paths of the virtual sensor, {VIRTUAL_CHIRPS} of {chirps} chirps, scaled; 1 thread",
-        reference_time=cube_time.scaled(chirps / VIRTUAL_CHIRPS),
-        error=_moments_error_db(work),
-        error_unit=f"{DB_OF_PEAK}, of the moments of {CHECKED_ELEMENTS} elements, at {work.size.truth_paths} paths",
-        details={"doppler_cells": len(np.unique(cells))},
-    )
-
-
-def _moments_error_db(work: Workload) -> float:
-    """Error of the truth's moments against those of the virtual cube, Doppler filtered row by row."""
-    radar = work.radar
-    paths = street(work.size.truth_paths, EGO_SPEED_MPS)
-    measured = cube_of_paths(paths, radar).astype(np.complex64, copy=False)
-    cells = select_doppler(range_doppler(measured, radar), 0.0, 1).cells[0]
-    moments = truth_moments(paths, radar, cells)[..., :CHECKED_ELEMENTS]
-    exact = np.empty(moments.shape, dtype=np.complex128)
-    outermost = work.sensor.model_copy(update={"rx_m": work.sensor.rx_m[:CHECKED_ELEMENTS]})
-    cube = cube_of_paths(paths, radar, array=outermost)
-    for cell in np.unique(cells):
-        rows = np.flatnonzero(cells == cell)
-        filtered = doppler_filtered(cube, radar, int(cell))
-        exact[:, rows] = sweep_moments(filtered, radar, len(moments))[:, rows]
-    return peak_error_db(moments, exact)

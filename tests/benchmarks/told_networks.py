@@ -12,10 +12,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from ego_motion import row, scored
+from ego_motion import difference, judged_frames, row, scored
 
-from shared.dataset.folder import MANIFEST, open_dataset
-from shared.dataset.reading import radar_of
 from trainer.metrics.bootstrap import bootstrap_mean
 from trainer.metrics.ranking import average_precision
 from trainer.run.answers import NetworkAnswer, network_answer
@@ -29,9 +27,7 @@ PAIRS = (
 
 
 def main(dataset: Path, plain: Path, told: Path) -> None:
-    opened = open_dataset(dataset)
-    radar = radar_of(opened.description(), dataset / MANIFEST)
-    frames = list(opened.frames("test", ("range_channel", "velocity", "image")))
+    frames, radar = judged_frames(dataset)
     found, array = {}, read_run(plain).array.name
     for name, folder in (("shipped", pretrained_run(array)), ("plain", plain), ("told", told)):
         for share, suffix in ((0.0, ""), (1.0, ", told")):
@@ -39,9 +35,7 @@ def main(dataset: Path, plain: Path, told: Path) -> None:
     for name, (ranking, errors) in found.items():
         row(array, name, average_precision(ranking), bootstrap_mean(errors))
     for one, other in PAIRS:
-        (ranking, errors), (below, error_below) = found[one], found[other]
-        row(array, f"{one} less {other}", average_precision(ranking, below),
-            bootstrap_mean(errors - error_below))  # fmt: skip
+        difference(array, f"{one} less {other}", found[one], found[other])
 
 
 def with_share(folder: Path, share: float) -> NetworkAnswer:

@@ -15,10 +15,8 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from ego_motion import row, scores
+from ego_motion import difference, judged_frames, row, scores
 
-from shared.dataset.folder import MANIFEST, open_dataset
-from shared.dataset.reading import radar_of
 from trainer.data.arrays import choose_array
 from trainer.metrics.bootstrap import bootstrap_mean
 from trainer.metrics.ranking import average_precision, pooled
@@ -35,9 +33,7 @@ def main(
     runs: Annotated[list[Path] | None, typer.Argument()] = None,
     array: Annotated[str, typer.Option()] = "sparse6",
 ) -> None:
-    opened = open_dataset(dataset)
-    radar = radar_of(opened.description(), dataset / MANIFEST)
-    frames = list(opened.frames("test", ("range_channel", "velocity", "image")))
+    frames, radar = judged_frames(dataset)
     answers: dict[str, Answer] = {f"{of}, {view}": array_answer(view, choose_array(of, radar), radar)
                for of in (array, FULL) for view in VIEWS}  # fmt: skip
     for folder in (pretrained_run(array), *(runs or ())):
@@ -49,10 +45,9 @@ def main(
         kept = {name: (pooled([cells[i] for i in chosen]), errors[chosen]) for name, (cells, errors) in found.items()}
         for name, (ranking, errors) in kept.items():
             row(scene or "both", name, average_precision(ranking), bootstrap_mean(errors))
-            below, error_below = kept[f"{array}, {REFERENCE}"]
             if not name.startswith(FULL) and not name.endswith(REFERENCE):
-                row(scene or "both", f"{name} less {REFERENCE}", average_precision(ranking, below),
-                    bootstrap_mean(errors - error_below))  # fmt: skip
+                below = kept[f"{array}, {REFERENCE}"]
+                difference(scene or "both", f"{name} less {REFERENCE}", (ranking, errors), below)
 
 
 if __name__ == "__main__":

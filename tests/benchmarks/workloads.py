@@ -30,7 +30,6 @@ class Size:
     :param paths: K of the cubes
     :param rays: of the first frame
     :param direct_samples: channel-chirps of the moving cube on which the reference is run
-    :param truth_paths: K at which the truth's moments are checked against the whole virtual cube
     :param waveform: of the cubes and images
     :param elements: of the virtual sensor, half of a carrier wavelength apart
     :param angle_bins: of the images
@@ -43,7 +42,6 @@ class Size:
     paths: int
     rays: int
     direct_samples: int
-    truth_paths: int
     waveform: Waveform
     elements: int
     angle_bins: int
@@ -57,7 +55,6 @@ FULL = Size(
     paths=100_000,
     rays=200_000,
     direct_samples=4,
-    truth_paths=1_000,
     waveform=Waveform(),
     elements=256,
     angle_bins=450,
@@ -70,7 +67,6 @@ QUICK = replace(
     name="quick",
     paths=5_000,
     rays=20_000,
-    truth_paths=300,
     angle_bins=90,
     repeats=2,
     worker_frames=16,
@@ -125,10 +121,10 @@ class Workload:
         elapsed, cube = self.cube_at(1e-6)
         return elapsed, cube.astype(np.complex64, copy=False)
 
-    def cube_at(self, tolerance: float, threads: int = 1) -> tuple[Timing, NDArray]:
+    def cube_at(self, tolerance: float) -> tuple[Timing, NDArray]:
         """Time and result of the moving cube, after a warm-up with few paths."""
-        cube_of_paths(street(32, EGO_SPEED_MPS), self.radar, tolerance, threads=threads)
-        return timed(lambda: cube_of_paths(self.paths, self.radar, tolerance, threads=threads), self.size.repeats)
+        cube_of_paths(street(32, EGO_SPEED_MPS), self.radar, tolerance)
+        return timed(lambda: cube_of_paths(self.paths, self.radar, tolerance), self.size.repeats)
 
     @cached_property
     def channel_chirps(self) -> int:

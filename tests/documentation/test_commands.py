@@ -7,8 +7,11 @@ and radar files of the reader's own. Their numbers are made smaller by options t
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,6 +21,7 @@ from manual import DOCS, PAGES, ROOT, Command, blocks, commands, name_of, run_pr
 from pages import GUIDES
 from typer.main import get_command
 
+from datafactory import merge
 from datafactory.cli.app import app as datafactory
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import read_poses
@@ -209,7 +213,7 @@ def test_a_file_of_the_text_is_read(page: Path, block: str, tmp_path: Path) -> N
     if "[material" in block:
         load_materials(path)
     elif ".cfg" in block:
-        pytest.skip("a configuration of the reader's board; tests/shared/radar/test_boards.py reads one")
+        pytest.skip("a configuration of the reader's board; tests/shared/radar/test_radar.py reads one")
     else:
         own_board = re.search(r"^board|^\[capture\]", block, re.M) is None or "board" in block
         load_capture_radar(str(path), None if own_board else "iwr1843")
@@ -221,3 +225,29 @@ def test_poses_of_the_text_are_poses(tmp_path: Path) -> None:
     for block in found:
         (tmp_path / "poses.json").write_text(block, encoding="utf-8")
         assert len(read_poses(tmp_path / "poses.json")) == 1
+
+
+SMALLER_JOBS = {
+    "scenes/street.usda": str(ROOT / "scenes/tiny.usda"),
+    "--frames 18500": "--frames 14 --rays 500 --effects specular,diffuse --workers 1",
+    "$SLURM_ARRAY_TASK_ID/16": "$SLURM_ARRAY_TASK_ID/2",
+    "srun .venv/bin/datafactory": f"{sys.executable} -m datafactory",
+}
+
+
+@pytest.mark.slow
+def test_the_jobs_of_the_batch_script_merge(tmp_path: Path) -> None:
+    """As it stands but for its size, under a stand-in for Slurm."""
+    (text,) = blocks(DOCS / "large-runs.md", "bash")
+    assert "#SBATCH --array=0-15\n" in text
+    for theirs, ours in SMALLER_JOBS.items():
+        assert theirs in text
+        text = text.replace(theirs, ours)
+    (tmp_path / "jobs.sh").write_text(text, encoding="utf-8")
+    for task in ("1", "0", "0"):  # one of them is put back into the queue
+        done = subprocess.run(
+            ["bash", "jobs.sh"], cwd=tmp_path, env={**os.environ, "SLURM_ARRAY_TASK_ID": task},
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr[-800:]
+    assert merge(tmp_path / "build/jobs", tmp_path / "build/dataset").frames == 14

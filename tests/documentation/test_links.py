@@ -31,6 +31,11 @@ def test_every_page_is_once_in_the_menu() -> None:
     assert menu[-1] == {"Reference": ["reference/index.md", "reference/radar.md"]}
 
 
+def test_the_first_page_names_every_guide_and_idea() -> None:
+    text = (DOCS / START).read_text(encoding="utf-8")
+    assert [name for name in (*GUIDES, *IDEAS) if f"({name})" not in text] == []
+
+
 def test_a_new_page_appears_under_depth(tmp_path: Path) -> None:
     (tmp_path / "new.md").write_text("# New\n", encoding="utf-8")
     assert {"Depth": ["new.md"]} in navigation([], tmp_path)

@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from manual import ROOT
-from notebooks import cells, page_of, run
-from pages import NOTEBOOKS
+from notebooks import page_of, run
 
 SCRIPT = """# %% [markdown]
 # # A title
@@ -67,11 +65,3 @@ def test_a_script_that_fails_leaves_no_page(script: Path, tmp_path: Path, capfd:
     line = SCRIPT.count("\n") + 1
     assert f'small.py", line {line}' in capfd.readouterr().err
     assert "which was not run" in page_of(script, tmp_path / "kept")[0]
-
-
-@pytest.mark.parametrize("name", NOTEBOOKS)
-def test_every_notebook_begins_with_its_title(name: str) -> None:
-    first, *others = cells((ROOT / "examples" / f"{name}.py").read_text(encoding="utf-8"))
-    assert first[1]
-    assert first[2].startswith("# ")
-    assert others

@@ -1,8 +1,8 @@
 """Every reader of files on damaged and odd ones: finite values, or one line. Anything else fails the test.
 
 What is read must be finite: a NaN that a reader lets through is found much later, by somebody else. Good files are
-damaged by splices of bytes that parsers trip over, by edits after which most of them can still be parsed, and by whole
-documents of odd content with the checksum that belongs to it. The examples are the same in every run and bounded in
+damaged by splices of bytes that parsers trip over, and by whole documents of odd content with the checksum that belongs
+to it. The examples are the same in every run and bounded in
 number; ``FUZZ_INPUTS`` lets them go on (``tests/fuzzing.py``).
 """
 
@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import io
 import json
-import struct
-from collections.abc import Callable, Iterable
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +22,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from fuzz_files import CUBE, PATHS, SHARD, TINY, calibration, saved, write_whole_files
-from fuzzing import EDITS, JSON, SPLICES, Edit, Splice, altered, damaged, edited, fuzz, reads_or_says_one_line
+from fuzzing import JSON, SPLICES, Splice, altered, damaged, fuzz, reads_or_says_one_line
 from hypothesis import strategies as st
 from numpy_bytes import npz, of_array
 
+from datafactory.cli.app import main
 from datafactory.frame.points import read_targets
 from datafactory.paths.storage import read_paths
 from datafactory.run.preparation import stored_paths
@@ -34,7 +37,9 @@ from shared.dataset import METADATA_KEY
 from shared.dataset.documents import sealed
 from shared.dataset.folder import MANIFEST, open_dataset, verify
 from shared.dataset.reading import radar_of, read_description, read_frames
+from shared.physics.errors import InputError
 from shared.radar import Radar, load_radar
+from trainer.captures import reading
 from trainer.captures.calibration import read_calibration, to_toml
 from trainer.captures.cube_file import read_cube
 from trainer.captures.importing import import_capture, read_capture
@@ -139,7 +144,7 @@ def applied(path: Path) -> None:
 
 BINARY_USD = {"binary.usdc": finite_scene, "binary.usdz": finite_scene}
 """A quarter of a second each, most of it in the operating system."""
-TEXTS: dict[str, Callable[[Path], object]] = {
+READERS: dict[str, Callable[[Path], object]] = {
     "radar.toml": finite_radar,
     "materials.toml": finite_materials,
     "poses.json": finite_poses,
@@ -153,10 +158,6 @@ TEXTS: dict[str, Callable[[Path], object]] = {
     "box.stl": finite_scene,
     "profile.cfg": lambda path: finite_capture(path.with_name("good.bin"), "iwr1843", path.name),
     "capture.toml": lambda path: finite_capture(path.with_name("good.bin")),
-}
-"""Readers of texts, by the file that is damaged; others read it where it lies."""
-READERS: dict[str, Callable[[Path], object]] = {
-    **TEXTS,
     **BINARY_USD,
     "array.toml": lambda path: choose_array(str(path), TINY),
     "calibration.toml": read_calibration,
@@ -188,6 +189,54 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
+FORKING = """
+import json, os, sys, traceback
+import h5py, numpy, scipy.io
+from reading_process import main
+
+for line in sys.stdin:
+    *arguments, said = json.loads(line)
+    child = os.fork()
+    if not child:
+        os.dup2(os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
+        status = 1
+        try:
+            status = main(*arguments)
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            sys.stderr.flush()
+            os._exit(status)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+"""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def forked_reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Files of arrays are read by forks of one process: thousands of damaged ones, where each starts Python anew
+    otherwise. Every file still has a process of its own, with the bounds and the exit status of the command's."""
+    said = tmp_path_factory.mktemp("reader") / "said"
+    command = [sys.executable, "-c", FORKING]
+    with (
+        subprocess.Popen(
+            command, cwd=Path(reading.READER).parent, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        ) as process,
+        pytest.MonkeyPatch.context() as patch,
+    ):
+        asked, ended = process.stdin, process.stdout
+        assert asked is not None
+        assert ended is not None
+
+        def run_reader(*arguments: str) -> tuple[int, bytes]:
+            asked.write(json.dumps([*arguments, str(said)]) + "\n")
+            asked.flush()
+            return int(ended.readline()), said.read_bytes()
+
+        patch.setattr(reading, "run_reader", run_reader)
+        yield
+        asked.close()
+
+
 def tried(path: Path, contents: Iterable[bytes], read: Callable[[Path], object]) -> None:
     """Each in the place of the whole file, which is there again in the end."""
     whole = path.read_bytes()
@@ -216,19 +265,6 @@ def test_damaged(folder: Path, name: str, splices: list[Splice], keep: float) ->
 @fuzz(12, splices=SPLICES)
 def test_damaged_binary_usd(folder: Path, name: str, splices: list[Splice]) -> None:
     tried(folder / name, [damaged((folder / name).read_bytes(), splices)], finite_scene)
-
-
-@pytest.mark.parametrize("name", TEXTS)
-@fuzz(120, edits=EDITS)
-def test_edited_text(folder: Path, name: str, edits: list[Edit]) -> None:
-    tried(folder / name, [edited((folder / name).read_bytes(), edits)], READERS[name])
-
-
-@fuzz(100, splices=SPLICES, edits=EDITS)
-def test_a_header_of_numpys_that_was_edited(folder: Path, splices: list[Splice], edits: list[Edit]) -> None:
-    text = damaged(edited(b"\n" + CUBE[10:128], edits)[1:], splices[:1])
-    odd = CUBE[:8] + struct.pack("<H", len(text)) + text + CUBE[128:]
-    tried(folder / "cube.npy", [odd], finite_measurements)
 
 
 Alter = Callable[[Any], Any]
@@ -335,19 +371,70 @@ def test_odd_content(folder: Path, name: str, edits: list[tuple[float, Any]]) ->
     tried(folder / file, [content], read)
 
 
-COLUMN_TYPES = (pa.int64(), pa.float32(), pa.string(), pa.binary(), pa.list_(pa.float32()), pa.list_(pa.float64(), 3))
+# What no fuzzer is sure to find.
+
+DEEP = "[" * 100_000
+BOX = '<scene version="3.0.0"><shape type="cube"><transform name="to_world">{}</transform></shape></scene>'
+HEADER = '#usda 1.0\n(\n metersPerUnit = {}\n upAxis = "Z"\n)\n'
+SPHERE = 'def Sphere "s" {\n double radius = 1e300\n}\n'
+FAR_TARGET = """def Xform "t" {
+ double radar:rcs_dbsm = 0
+ double3 xformOp:translate = (1e300, 0, 0)
+ uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+"""
 
 
-@fuzz(100, column=st.integers(0, 30), kind=st.sampled_from(COLUMN_TYPES), nothing=st.booleans())
-def test_a_shard_of_odd_columns(folder: Path, column: int, kind: pa.DataType, nothing: bool) -> None:
-    table = pq.read_table(folder / SHARD)
-    place = column % len(table.column_names)
-    name, old = table.column_names[place], table.schema.field(place).type
-    odd = table.set_column(place, name, pa.nulls(len(table), old if nothing else kind))
-    tried(folder / SHARD, [saved(lambda file: pq.write_table(odd, file))], lambda path: list(read_frames(path)))
+REFUSED: dict[str, tuple[str, Callable[[Path], object]]] = {
+    # Finite but absurd: squares overflow.
+    "scaled.xml": (BOX.format('<scale value="1e308"/>'), finite_scene),
+    "moved.xml": (BOX.format('<translate x="1e300"/>'), finite_scene),
+    "shrunk.xml": (BOX.format('<scale value="1e-300"/>'), finite_scene),
+    "sphere.usda": (HEADER.format(1) + SPHERE, finite_scene),
+    "units.usda": (HEADER.format(1e300) + SPHERE, finite_scene),
+    "target.usda": (HEADER.format(1) + FAR_TARGET, finite_scene),
+    "poses.json": ('[{"position": [1e300, 0, 0]}]', read_poses),
+    "velocity.json": ('[{"position": [0, 0, 0], "velocity": [0, -1e300, 0]}]', read_poses),
+    "targets.json": ('[[{"x": 1e200, "y": 0, "rcs_dbsm": 0}]]', read_targets),
+    "walker.json": ('[[{"x": 9, "y": 0, "model": "pedestrian", "stature_m": 1.7, "vx": 1e4}]]', read_targets),
+    "carrier.toml": ("[waveform]\ncarrier_hz = 1e300\n", finite_radar),
+    "chirp.toml": ("[waveform]\nchirp_duration_s = 1e-300\n", finite_radar),
+    "samples.toml": ("[waveform]\nsamples = 100000000000000\n", finite_radar),
+    "power.toml": ("[front_end]\ntransmit_power_dbm = 1e4\n", finite_radar),
+    # Where the radar equation diverges.
+    "near.json": ('[[{"x": 0.009, "y": 0, "rcs_dbsm": 0}]]', read_targets),
+    # More digits than a float has, and than Python turns into a number.
+    "digits-400.json": (f'[[{{"x": 1{"0" * 400}, "y": 0, "rcs_dbsm": 0}}]]', read_targets),
+    "digits-9000.json": (f'[[{{"x": 1{"0" * 9000}, "y": 0, "rcs_dbsm": 0}}]]', read_targets),
+    # Deeper than a parser recurses.
+    "deep-poses.json": (DEEP, read_poses),
+    "deep-targets.json": (DEEP, read_targets),
+    "deep-materials.toml": (f"x = {DEEP}", load_materials),
+    "deep-radar.toml": (f"x = {DEEP}", finite_radar),
+    MANIFEST: (DEEP, lambda path: open_dataset(path.parent)),
+    "flat.obj": ("v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n", finite_scene),
+}
 
 
-@fuzz(100, text=st.text("() framechiptxsqlo\n", max_size=40))
-def test_odd_axes(folder: Path, text: str) -> None:
-    reading = Reading("iwr1642", str(folder / "capture.toml"), text)
-    reads_or_says_one_line(lambda: read_capture(folder / "good.npy", reading))
+@pytest.mark.parametrize("name", REFUSED)
+def test_an_absurd_file_is_refused_in_one_line(tmp_path: Path, name: str) -> None:
+    text, read = REFUSED[name]
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read(tmp_path / name)
+    assert "\n" not in str(caught.value)
+
+
+LATIN_1 = os.fsdecode(b"caf\xe9")
+"""A name in Latin-1, as file systems of UTF-8 names may hold it."""
+
+
+@pytest.mark.parametrize("arguments", [["points", "--frames", "1", "--workers", "1", "--out"], ["inspect"]])
+def test_a_folder_that_is_not_utf8_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, arguments: list[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["datafactory", *arguments, str(tmp_path / LATIN_1)])
+    with pytest.raises(SystemExit) as left:
+        main()
+    assert left.value.code == 2
+    assert capsys.readouterr().err.count("\n") == 1

@@ -10,13 +10,7 @@ from collections.abc import Sequence
 import mpmath
 import numpy as np
 from hardcases.case import HardCase
-from hardcases.tools import (
-    MATERIALS,
-    not_finite_paths,
-    rectangle,
-    traced,
-    wall_ahead,
-)
+from hardcases.tools import MATERIALS, not_finite_paths, rectangle, traced, wall_ahead
 
 from datafactory.scenes.materials.reflectivity import VACUUM_PERMITTIVITY, fresnel_reflectivity
 

@@ -11,8 +11,8 @@ import pytest
 import typer
 from matplotlib.collections import QuadMesh
 from matplotlib.image import imread
-from object_store import serve
 from PIL import Image
+from s3_server import SECRET
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
@@ -186,21 +186,16 @@ def test_the_command_prints_the_numbers_and_draws(directory, tmp_path):
     assert not (directory / "pictures").exists()
 
 
-def test_a_remote_dataset_is_read_and_its_pictures_stay_here(directory, tmp_path, monkeypatch):
+def test_a_remote_dataset_is_read_and_its_pictures_stay_here(directory, tmp_path, monkeypatch, server):
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
-    (tmp_path / "bucket").mkdir()
-    directory.rename(tmp_path / "bucket" / "data")
-    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "user")
-    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
-    with serve(tmp_path) as options:
-        result = run(f"s3://bucket/data?{options}", "--verify", "--frames", 1)
+    result = run(server.upload(directory, f"{tmp_path.name}/data"), "--verify", "--frames", 1)
     assert result.exit_code == 0, result.output
     assert "4 shards are as they were written" in result.output
     assert "its pictures go to data-pictures, or to the folder that --out names" in result.output
-    assert "secret" not in result.output
+    assert SECRET not in result.output
     assert [path.name for path in (tmp_path / "here" / "data-pictures").iterdir()] == ["frame-000000.png"]
-    assert not (tmp_path / "bucket" / "data" / "pictures").exists()
+    assert server.keys(f"{tmp_path.name}/data/pictures") == []
 
 
 def test_a_folder_of_traced_paths_is_summarised(tmp_path):

@@ -23,15 +23,7 @@ from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, scene_of
 from slab_coefficients import slab_reflection
 
 from datafactory.paths import corner_echoes
-from datafactory.paths.corner_aperture import (
-    ACROSS,
-    Cells,
-    FaceOrder,
-    Views,
-    cells_along,
-    integrals,
-    pieces_in_sight,
-)
+from datafactory.paths.corner_aperture import ACROSS, Cells, FaceOrder, Views, cells_along, integrals, pieces_in_sight
 from datafactory.paths.corner_edges import CornerEdges
 from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings

@@ -7,16 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from curved_bodies import (
-    cylinder,
-    ellipsoid,
-    icosphere,
-    joined,
-    rounded_box,
-    sphere,
-    torus,
-    tube,
-)
+from curved_bodies import cylinder, ellipsoid, icosphere, joined, rounded_box, sphere, torus, tube
 from curved_scenes import (
     GLASS,
     METAL,

@@ -9,16 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from oracles import mirror_path, mirrored
 from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, plate, scene_of
-from traced_walls import (
-    SCATTERING,
-    WholeSphere,
-    decibels,
-    power,
-    side_wall,
-    solved,
-    traced,
-    wall,
-)
+from traced_walls import SCATTERING, WholeSphere, decibels, power, side_wall, solved, traced, wall
 
 from datafactory.paths import solver as solver_module
 from datafactory.paths.rays import RayFan

@@ -16,7 +16,7 @@ from datafactory.run.cluster.driver import Look, Outcome
 from datafactory.run.cluster.engine import RayPool
 from datafactory.run.shards import Portion, ShardPlan
 from shared.physics.errors import InputError
-from shared.processes.tasks import LOSSES
+from shared.processes.pool import LOSSES
 
 PORTION = Portion(ShardPlan("train", 0, (0, 1, 2)), (0, 1))
 

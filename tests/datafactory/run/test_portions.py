@@ -20,8 +20,7 @@ from datafactory.run.shards import MOST_FRAMES, PATHS, Portion, plan_shards, por
 from datafactory.scenes.motion import Track
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene, SceneObject
-from shared.processes.pool import ThisProcess
-from shared.processes.tasks import Finished
+from shared.processes.pool import Finished, ThisProcess
 
 FRAMES = 21
 """In five shards: 8, 8, 1 of training, 2 and 2."""

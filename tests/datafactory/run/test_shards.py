@@ -10,11 +10,7 @@ from small_dataset import PEAKS, RADAR, make_frame
 
 from datafactory.frame.deal import split_of
 from datafactory.run import progress
-from datafactory.run.shards import (
-    ShardPlan,
-    plan_shards,
-    write_shard,
-)
+from datafactory.run.shards import ShardPlan, plan_shards, write_shard
 from shared.dataset import arrow_schema, description
 from shared.dataset.reading import read_frames
 from shared.physics.errors import InputError

@@ -46,13 +46,7 @@ def _duckdb(path):
     return np.array(column), text
 
 
-def _pandas(path):
-    import pandas as pd
-
-    return np.array(pd.read_parquet(path)["range_channel"][0]), pq.read_schema(path).metadata[b"sparseradar"]
-
-
-@pytest.mark.parametrize("reader", [_polars, _duckdb, _pandas])
+@pytest.mark.parametrize("reader", [_polars, _duckdb])
 def test_another_reader_can_draw_the_image_from_one_shard_alone(tmp_path, reader):
     path = tmp_path / "shard.parquet"
     write(path, [make_frame(1)])

@@ -116,8 +116,3 @@ def test_json_is_sorted_indented_and_free_of_nan(tmp_path: Path) -> None:
     assert json.loads(path.read_bytes())["b"] == "ü"
     write_json(path, {"b": 1, "a": 2}, sort_keys=False)
     assert path.read_bytes() == b'{\n "b": 1,\n "a": 2\n}\n'
-
-
-def test_text_is_utf8_with_the_line_ends_it_has(tmp_path: Path) -> None:
-    write_text(tmp_path / "x", "µ\r\n°\n")
-    assert (tmp_path / "x").read_bytes() == "µ\r\n°\n".encode()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import importlib
 import inspect
 import os
@@ -22,7 +21,6 @@ from numba.core.dispatcher import Dispatcher
 import datafactory
 import shared
 import trainer
-from shared.physics.compiled import compiled
 
 PACKAGES = [Path(package.__file__ or "").parent for package in (shared, datafactory, trainer)]
 OURS = [package.name for package in PACKAGES]
@@ -126,35 +124,6 @@ def test_a_read_only_installation_compiles_in_every_process(read_only: Path, unw
     assert sorted(read_only.rglob("*")) == before
 
 
-@pytest.mark.parametrize("named", [False, True])
-def test_machine_code_goes_to_the_folder_that_is_named_or_to_the_users(
-    read_only: Path, unwritable: Path, tmp_path: Path, named: bool
-) -> None:
-    home, more = tmp_path / "home", {}
-    home.mkdir()
-    if named:
-        home, more = unwritable, {"NUMBA_CACHE_DIR": str(tmp_path / "named")}
-    assert run("import kernel; print(kernel.tripled(14))", read_only, home, **more) == "42"
-    assert list((tmp_path / ("named" if named else "home")).rglob("kernel.tripled*.nbc"))
-
-
-def test_machine_code_lies_beside_the_source_where_that_can_be_written(read_only: Path, unwritable: Path) -> None:
-    (read_only / "__pycache__").unlink()
-    assert run("import kernel; print(kernel.tripled(14))", read_only, unwritable) == "42"
-    assert list((read_only / "__pycache__").glob("kernel.tripled*.nbc"))
-
-
-def test_the_wrapper_of_a_type_checker_is_taken_off() -> None:
-    def doubled(value: int) -> int:
-        return 2 * value
-
-    @functools.wraps(doubled)
-    def checked(*arguments: object, **named: object) -> object:
-        raise AssertionError("numba cannot compile this")
-
-    assert compiled(cache=False)(checked)(21) == 42
-
-
 def test_no_kernel_goes_round_the_decorator() -> None:
     for package in PACKAGES:
         for path in package.rglob("*.py"):
@@ -208,13 +177,8 @@ def test_functions_of_fast_kernels_are_inlined():
     assert [f"{name(outer)} calls {name(inner)}" for outer, inner in found if broken(outer, inner)] == []
 
 
-def test_no_kernel_takes_over_flags_of_its_caller():
+def test_no_kernel_takes_over_flags_of_its_caller_and_what_is_inlined_is_not_kept():
     for kernel in kernels():
+        assert (kernel.stats.cache_path is None) or not kernel.targetoptions["forceinline"], name(kernel)
         assert {"fastmath", "error_model", "forceinline"} <= set(kernel.targetoptions), name(kernel)
         assert "inline" not in kernel.targetoptions, name(kernel)
-
-
-def test_only_functions_that_python_calls_are_kept():
-    for kernel in kernels():
-        inner = kernel.targetoptions["forceinline"]
-        assert (kernel.stats.cache_path is None) or not inner, name(kernel)

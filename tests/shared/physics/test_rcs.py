@@ -65,10 +65,6 @@ def mie_over_optical(size: float) -> float:
     return float(abs(terms.sum()) ** 2 / size**2)
 
 
-def test_the_series_is_rayleighs_law_for_small_spheres():
-    assert mie_over_optical(0.02) == pytest.approx(9.0 * 0.02**4, rel=1e-3)
-
-
 @pytest.mark.parametrize(("beyond", "error_db"), [(7.0, 1.0), (29.0, 0.1)])
 def test_sphere_is_the_series_within_the_stated_error(beyond, error_db):
     assert rcs.sphere_rcs_m2(0.3) == pytest.approx(np.pi * 0.09)

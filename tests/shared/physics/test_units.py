@@ -11,14 +11,7 @@ from hypothesis import strategies as st
 from scipy import constants
 
 from shared.physics.errors import LONGEST_IN_FIGURE, InputError, figure_text
-from shared.physics.units import (
-    BOLTZMANN,
-    SPEED_OF_LIGHT,
-    amplitude_to_db,
-    db_to_power,
-    dbm_to_watt,
-    power_to_db,
-)
+from shared.physics.units import BOLTZMANN, SPEED_OF_LIGHT, amplitude_to_db, db_to_power, dbm_to_watt, power_to_db
 from shared.physics.vectors import dots, lengths, taken
 
 

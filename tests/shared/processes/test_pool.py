@@ -15,9 +15,8 @@ import psutil
 import pytest
 from pool_work import Squares, note_process
 
-from shared.processes.lock import one_job
-from shared.processes.pool import Processes, ThisProcess, WorkerPool
-from shared.processes.tasks import ATTEMPTS, LOSSES, Attempts, Finished
+from shared.dataset.claims import claimed
+from shared.processes.pool import ATTEMPTS, LOSSES, Attempts, Finished, Processes, ThisProcess, WorkerPool
 
 TESTS = Path(__file__).resolve().parents[2]
 
@@ -34,15 +33,6 @@ def finished(pool: WorkerPool[int, tuple[int, bytes]], items: list[int]) -> list
 
 def squares(outcomes: list[Finished[int, tuple[int, bytes]]]) -> dict[int, int]:
     return {outcome.item: outcome.result[0] for outcome in outcomes if outcome.result is not None}
-
-
-def test_every_task_is_done_once(tmp_path: Path) -> None:
-    folder = tmp_path / "workers"
-    with WorkerPool[int, tuple[int, bytes]](Squares(tmp_path, {}), 2, folder) as pool:
-        outcomes = finished(pool, list(range(7)))
-    assert squares(outcomes) == {number: number**2 for number in range(7)}
-    assert len(outcomes) == 7
-    assert not folder.exists()
 
 
 def test_without_processes_tasks_are_done_here_one_by_one(tmp_path: Path) -> None:
@@ -73,6 +63,8 @@ def test_a_worker_that_dies_is_replaced_and_its_task_tried_again(tmp_path: Path)
     with WorkerPool[int, tuple[int, bytes]](Squares(tmp_path, deaths), 2, tmp_path / "workers") as pool:
         outcomes = finished(pool, list(range(7)))
     assert squares(outcomes) == {number: number**2 for number in range(7)}
+    assert len(outcomes) == 7
+    assert not (tmp_path / "workers").exists()
     # Not the processes that began: the last one may be ended before it has anything to do.
     assert len(list(tmp_path.glob("died-*"))) == sum(deaths.values())
 
@@ -156,42 +148,26 @@ def wait_for(condition: object, seconds: float = 60.0) -> None:
         time.sleep(0.05)
 
 
-def test_a_folder_has_one_job_at_a_time(tmp_path: Path) -> None:
-    lock = tmp_path / "lock"
-    with one_job(tmp_path, lock, "--out"):
-        held = f"""
+HELD = """
+import os, signal, sys
 from pathlib import Path
-from shared.processes.lock import one_job
-with one_job(Path({str(tmp_path)!r}), Path({str(lock)!r}), "--out"):
-    print("held")
-"""
-        other = subprocess.run([sys.executable, "-c", held], capture_output=True, text=True, check=False)
-        assert other.stdout == ""
-        assert "another process is at work" in other.stderr
-    assert not lock.exists()
-    with one_job(tmp_path, lock, "--out"):
-        pass
-
-
-def test_a_crash_releases_the_folder(tmp_path: Path) -> None:
-    crash = f"""
-import os, signal
-from pathlib import Path
-from shared.processes.lock import one_job
-with one_job(Path({str(tmp_path)!r}), Path({str(tmp_path / "lock")!r}), "--out"):
+from shared.dataset.claims import claimed
+with claimed(Path(sys.argv[1]), Path(sys.argv[1]) / "notes", "--out", int):
     os.kill(os.getpid(), signal.SIGKILL)
 """
-    assert subprocess.run([sys.executable, "-c", crash], check=False).returncode == -signal.SIGKILL
-    assert (tmp_path / "lock").exists()
-    with one_job(tmp_path, tmp_path / "lock", "--out"):
+
+
+def test_a_folder_has_one_job_at_a_time_and_a_crash_releases_it(tmp_path: Path) -> None:
+    folder, command = tmp_path / "made" / "here", [sys.executable, "-c", HELD, str(tmp_path / "made" / "here")]
+    with claimed(folder, folder / "notes", "--out", int):
+        other = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert "--out: another process is at work" in other.stderr
+    assert not (tmp_path / "made").exists()
+    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+    assert (folder / "notes" / "lock").exists()
+    with claimed(folder, folder / "notes", "--out", int):
         pass
-
-
-def test_a_task_fails_with_its_third_process() -> None:
-    attempts = Attempts[str, int]()
-    assert [attempts.died("a", "it ended") for _ in range(ATTEMPTS - 1)] == [None] * (ATTEMPTS - 1)
-    assert attempts.died("b", "it ended") is None
-    assert attempts.died("a", "it ended") == Finished("a", None, "three worker processes died of it, it ended")
+    assert list(tmp_path.rglob("lock")) == []
 
 
 def test_a_lost_machine_is_no_fault_of_its_tasks_unless_it_always_is() -> None:

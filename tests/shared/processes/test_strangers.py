@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from datafactory.inspection.doctor import examine_names
-from shared.processes.lazy import OURS, namesake, refuse_namesake, strangers
 from trainer.cli.entry import main
 
 
@@ -22,27 +21,6 @@ def install(folder: Path, name: str, package: str) -> None:
     (info / "RECORD").write_text(f"{package}/__init__.py,,\n{info.name}/METADATA,,\n", encoding="utf-8")
 
 
-def test_none_is_installed_here() -> None:
-    for package in OURS:
-        assert strangers(package) == []
-        assert namesake(package) is None
-        refuse_namesake(package)
-    assert all(finding.ok for finding in examine_names())
-
-
-@pytest.mark.parametrize("package", OURS)
-def test_a_namesake_is_refused_in_one_line(package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    install(tmp_path, package, package)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    assert strangers(package) == [package]
-    with pytest.raises(ImportError) as caught:
-        refuse_namesake(package)
-    assert str(caught.value) == (
-        f"the distribution '{package}' is installed over '{OURS[package]}', both bring the package '{package}'; mend "
-        f"it: pip uninstall -y {package} && pip install --force-reinstall --no-deps {OURS[package]}"
-    )
-
-
 def test_the_import_says_so_in_one_line(tmp_path: Path) -> None:
     install(tmp_path, "trainer", "trainer")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
@@ -50,8 +28,10 @@ def test_the_import_says_so_in_one_line(tmp_path: Path) -> None:
         [sys.executable, "-c", "import trainer"], capture_output=True, text=True, env=environment, check=False
     )
     assert done.returncode == 1
-    last = done.stderr.splitlines()[-1]
-    assert last.startswith("ImportError: the distribution 'trainer' is installed over 'sparseradar-trainer'")
+    assert done.stderr.splitlines()[-1] == (
+        "ImportError: the distribution 'trainer' is installed over 'sparseradar-trainer', both bring the package "
+        "'trainer'; mend it: pip uninstall -y trainer && pip install --force-reinstall --no-deps sparseradar-trainer"
+    )
 
 
 def test_the_command_says_so_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,19 +1,24 @@
-"""The radar as a description: array, waveform, axes, presets, TOML, metadata."""
+"""The radar as a description: array, waveform, axes, presets, boards, TOML, metadata; and files that are wrong."""
 
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from raw_files import CFG
 
 from shared.physics.errors import InputError
+from shared.physics.units import SPEED_OF_LIGHT
 from shared.processes.defaults import DEFAULT_RADAR
-from shared.radar import PRESETS, FrontEnd, Radar, load_radar
+from shared.radar import PRESETS, Radar, load_capture_radar, load_radar
 from shared.radar.antenna import IsotropicPattern
 from shared.radar.arrays import AVR_QDM_110_THINNED_RX, AntennaArray, avr_qdm_110, virtual_sensor_256
+from shared.radar.boards import BOARDS
 from shared.radar.waveform import Waveform
+from shared.signal.signal import if_signal
 
 
 def test_published_coordinates_move_to_the_centroid_of_the_receivers():
@@ -89,10 +94,6 @@ def test_metadata_is_json_and_holds_the_axes():
     assert edges["stop"] == pytest.approx(-edges["start"])
     stated = document["axes"]["u"]
     np.testing.assert_allclose(stated["start"] + stated["step"] * np.arange(stated["bins"]), radar.grid.u)
-    # Waveform and front end come back from the metadata alone.
-    again = Waveform(**{field: document["radar"][field] for field in Waveform.model_fields})
-    assert again == radar.waveform
-    assert FrontEnd(**{field: document["radar"][field] for field in FrontEnd.model_fields}) == radar.front_end
 
 
 def test_the_virtual_sensor_follows_the_carrier(tmp_path):
@@ -131,3 +132,160 @@ def test_virtual_sensor():
     half_wavelength = 299_792_458.0 / 77e9 / 2.0
     np.testing.assert_allclose(array.rx[:, 1], (np.arange(256) - 127.5) * half_wavelength, rtol=1e-12)
     np.testing.assert_array_equal(array.tx, np.zeros((1, 3)))
+
+
+def file(folder: Path, text: str, name: str = "radar.toml") -> str:
+    (folder / name).write_text(text, encoding="utf-8")
+    return str(folder / name)
+
+
+@pytest.mark.parametrize(
+    ("name", "channels", "on_line", "places"),
+    [
+        ("iwr1443", 12, 8, 8),
+        ("iwr1642", 8, 8, 8),
+        ("iwr1843", 12, 8, 8),
+        ("awr2944", 16, 12, 12),
+        ("mmwcas", 192, 144, 86),
+        ("mmwcas-azimuth", 144, 144, 86),
+    ],
+)
+def test_the_azimuth_line_is_gapless_at_half_a_wavelength(name: str, channels: int, on_line: int, places: int) -> None:
+    """As published; elevated channels stay in the array and are no part of the line."""
+    array = load_radar(name).array
+    assert (array.channels, len(array.azimuth_channels)) == (channels, on_line)
+    line = np.unique(np.round(array.virtual[array.azimuth_channels, 1] * 1e7))
+    assert len(line) == places
+    half_wavelength = SPEED_OF_LIGHT / 2.0 / (76.8e9 if "mmwcas" in name else 77e9)
+    np.testing.assert_allclose(np.diff(line) * 1e-7, half_wavelength, atol=2e-7)
+    np.testing.assert_allclose(array.rx.mean(axis=0), 0.0, atol=1e-12)  # the origin
+
+
+@pytest.mark.parametrize("name", BOARDS)
+def test_a_board_takes_turns_within_its_intervals(name: str) -> None:
+    waveform = load_radar(name).waveform
+    assert waveform.multiplexing == "tdm"
+    assert waveform.chirp_duration_s < waveform.chirp_interval_s / len(load_radar(name).array.tx_m)
+
+
+def test_a_target_on_the_left_leads_the_channels_in_the_order_of_their_numbers() -> None:
+    """y falls with the number: from the left, the path to the first RX is the shortest, and its phase the least."""
+    radar = load_radar("iwr1642")
+    left = np.array([[10.0 * np.cos(0.1), 10.0 * np.sin(0.1), 0.0]])
+    chirp = if_signal(radar, left, np.zeros((1, 3)), np.ones(1))[0, 128]
+    rx_of_tx1 = chirp[radar.array.channel_tx == 0]
+    steps = np.angle(rx_of_tx1[1:] * rx_of_tx1[:-1].conj())
+    np.testing.assert_allclose(steps, np.pi * np.sin(0.1) * radar.waveform.mid_sweep_hz / 77e9, rtol=0.01)
+
+
+def test_a_mirrored_board_sees_the_other_side(tmp_path: Path) -> None:
+    plain, turned = load_radar("iwr1843"), load_radar(file(tmp_path, 'board = "iwr1843"\nmirror = true\n'))
+    np.testing.assert_array_equal(turned.array.virtual, plain.array.virtual * [1.0, -1.0, 1.0])
+    assert turned.front_end == plain.front_end
+    again = load_capture_radar(str(tmp_path / "radar.toml"), "iwr1843", mirror=True).radar
+    np.testing.assert_array_equal(again.array.virtual, plain.array.virtual)
+
+
+def test_sampling_that_begins_late_raises_the_carrier(tmp_path: Path) -> None:
+    text = (
+        'board = "iwr1843"\n[capture]\nstart_frequency_hz = 77e9\nslope_hz_per_s = 30e12\nidle_time_s = 10e-6\n'
+        "adc_start_time_s = 7e-6\nramp_end_time_s = 60e-6\nsamples = 200\nsample_rate_hz = 4e6\nchirps = 32\n"
+        "tx = [3, 1]\nrx = [1, 2, 4]\n[front_end]\nnoise_figure_db = 11.0\n"
+    )
+    radar, board = load_radar(file(tmp_path, text)), load_radar("iwr1843")
+    waveform = radar.waveform
+    assert waveform.carrier_hz == pytest.approx(77e9 + 30e12 * 7e-6)
+    assert waveform.bandwidth_hz == pytest.approx(30e12 * 50e-6)
+    assert waveform.chirp_interval_s == pytest.approx(2 * 70e-6)
+    assert (waveform.chirps, waveform.samples, waveform.range_bins) == (32, 200, 200)
+    assert radar.array.tx_m == (board.array.tx_m[2], board.array.tx_m[0])
+    assert radar.array.rx_m == tuple(board.array.rx_m[rx] for rx in (0, 1, 3))
+    assert (radar.front_end.noise_figure_db, radar.front_end.rx_pattern) == (11.0, board.front_end.rx_pattern)
+    assert Radar.model_validate_json(radar.model_dump_json()) == radar
+
+
+def test_a_cfg_of_the_sdk_states_the_chirps(tmp_path: Path) -> None:
+    file(tmp_path, CFG, "profile.cfg")
+    radar = load_radar(file(tmp_path, 'board = "iwr1843"\ncapture = "profile.cfg"\n'))
+    waveform, board = radar.waveform, load_radar("iwr1843")
+    assert waveform.carrier_hz == pytest.approx(77.12e9)
+    assert waveform.bandwidth_hz == pytest.approx(20e12 * 256 / 5209e3)
+    assert (waveform.samples, waveform.chirps) == (256, 16)
+    assert radar.array.tx_m == (board.array.tx_m[0], board.array.tx_m[2])
+
+
+def test_real_samples_have_half_the_range_bins() -> None:
+    waveform = load_radar("awr2944").waveform
+    assert waveform.range_bins == waveform.samples // 2
+
+
+MANY = [[0.0, 0.0, 0.0]] * 200
+REFUSED = [
+    ("[waveform]\nchirps = 0", "waveform.chirps = 0", "greater than or equal to 1"),
+    ("[waveform]\nchirp = 5", "unknown field waveform.chirp"),
+    ("[waveform]\nrange_bins = 5000", "range_bins = 5000", "at most samples = 1024"),
+    ("[waveform]\nbandwidth_hz = inf", "waveform.bandwidth_hz = inf"),
+    ("[waveform]\nmultiplexing = 'tdm'", "chirp_interval_s = 8.06e-05 leaves each of 3 TX", "0.0002418"),
+    ("[grid]\nu_start = 0.5\nu_stop = 0.1", "u_stop = 0.1"),
+    ("[array]\ntx_m = []\nrx_m = [[0, 0, 0]]", "array.tx_m = []"),
+    ("[front_end.tx_pattern]\nkind = 'horn'", "front_end.tx_pattern", "horn"),
+    ("[waveform", "not readable as TOML"),
+    # The front end.
+    ("[front_end]\ntx_polarization = 'X'", "front_end.tx_polarization = 'X'", "'V' or 'H'"),
+    ("[front_end.converter]\nbits = 0\nfull_scale_dbm = 0", "front_end.converter.bits = 0"),
+    ("[front_end.phase_noise]\nlevel_dbc_per_hz = -40", "front_end.phase_noise leaves", "at most 0.3 rad"),
+    ("[front_end]\ntx_polarization = 'H'\ntx_pattern = { kind = 'patch' }", "resonant_along = 'z'", "'y' with"),
+    ("[front_end]\ntx_pattern = { kind = 'patch', file = 'p.csv' }", "front_end.tx_pattern: kind = 'patch'"),
+    ("[front_end]\ntx_pattern = { kind = 'table', file = 'absent.csv' }", "absent.csv: not readable"),
+    ("[front_end]\ntx_pattern = { kind = 'table', file = 3 }", "front_end.tx_pattern: file = 3"),
+    ("[front_end]\ntx_pattern = { kind = 'table', file = 'p.csv', gain_dbi = 3 }", "unknown field gain_dbi"),
+    ("[front_end]\ntx_pattern = { kind = 'table' }", "front_end.tx_pattern.table.azimuth_deg"),
+    # What no memory holds, with the figure.
+    ("[grid]\nbins = 10000000", "grid.bins = 10000000; expected input should be less than or equal to 65536"),
+    ("[waveform]\nchirps = 65536\nsamples = 1048576", "48 channels make a cube of 2.64e+04 GB; expected at most 2 GB"),
+    ("[waveform]\nsamples = 40000\nrange_bins = 40000\nchirps = 1\n[grid]\nbins = 20000", "make an image of 3.2 GB"),
+    ("[waveform]\nchirps = 1\nsamples = 20000\n[front_end]\nphase_noise = { level_dbc_per_hz = -100 }", "of 3.2 GB"),
+    (f"[array]\ntx_m = {MANY}\nrx_m = {MANY}", "200 TX and 200 RX make 40000 channels; expected at most 16384"),
+    # Boards.
+    ("board = 'iwr9'", "board = 'iwr9'; expected one of ['iwr1443'"),
+    ("board = 3", "board = 3; expected one of"),
+    ("mirror = true", "mirror = true without a board"),
+    ("board = 'iwr1843'\nmirror = 'yes'", "mirror = 'yes'; expected true or false"),
+    ("board = 'iwr1843'\ncapture = 3", "capture = 3; expected a table"),
+    ("board = 'iwr1843'\ncapture = 'none.cfg'", "none.cfg: not readable"),
+    ("board = 'iwr1843'\n[capture]\nsamples = 3", "capture: start_frequency_hz"),
+]
+
+
+def refusal(path: Path, text: str) -> str:
+    """The line, which begins with the file's folder or with what the file names."""
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        load_radar(str(path))
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(("text", "parts"), [(text, parts) for text, *parts in REFUSED])
+def test_a_wrong_file_is_one_line(tmp_path: Path, text: str, parts: list[str]) -> None:
+    line = refusal(tmp_path / "radar.toml", text)
+    assert line.startswith(f"{tmp_path}/")
+    assert [part for part in parts if part not in line] == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("chirpCfg 1 1 0 0 0 0 0 4", "chirpCfg 1 1 0 0 0 0 0 6", "chirp 1 is sent by TX [2, 3]; expected one TX"),
+        ("chirpCfg 1 1 0 0 0 0 0 4", "", "frameCfg 0 1; expected chirps that a chirpCfg describes"),
+        ("chirpCfg 1 1 0 0 0 0 0 4", "chirpCfg 0 1 0 0 0 0 0 1", "tx = [1, 1]; expected each TX once"),
+        ("chirpCfg 1 1 0 0 0 0 0 4", "chirpCfg 1 1 0 0 0 0 0 8", "there is no 4; expected 1 to 3"),
+        ("frameCfg 0 1 16", "frameCfg 0 x 16", "frameCfg: could not convert"),
+        ("frameCfg 0 1 16", "frameCfg 0 1 nan", "at least 3 finite numbers"),
+        ("60 0 0 20", "50 0 0 20", "samples end 5.5"),
+        ("profileCfg 0", "profile 0", "0 lines profileCfg; expected exactly one"),
+    ],
+)
+def test_a_wrong_cfg_is_one_line(tmp_path: Path, old: str, new: str, message: str) -> None:
+    (tmp_path / "profile.cfg").write_text(CFG.replace(old, new), encoding="utf-8")
+    assert message in refusal(tmp_path / "radar.toml", "board = 'iwr1843'\ncapture = 'profile.cfg'")

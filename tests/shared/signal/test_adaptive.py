@@ -52,37 +52,45 @@ def echoes(generator, channels, rows=4, targets=2, noise_db=-25.0):
     return (x / scale).astype(np.complex64), (power / scale[:, 0] ** 2).astype(np.float32), u
 
 
-def slow_reference(x, noise, channels, iterations):
-    """[U] of one snapshot: eq. of the module, full covariance, no distances, float64."""
+def full_manifold(channels, u):
+    return np.exp(-1j * 2 * np.pi / RADAR.waveform.wavelength_m * np.outer(RADAR.array.virtual[channels, 1], u))
+
+
+def slow_powers(x, noise, channels, iterations, rule):
+    """P of one snapshot: eq. of the module, full covariance, no distances, float64; the image's angles first."""
     grid = RADAR.grid
     count = int((1.0 - abs(grid.u[0])) / grid.step)
-    axis = grid.u[0] + grid.step * np.arange(-count, BINS + count + 2)
-    axis = axis[np.abs(axis) < 1.0]
-    a = np.exp(-1j * 2 * np.pi / RADAR.waveform.wavelength_m * np.outer(RADAR.array.virtual[channels, 1], axis))
-    s = np.abs(a.conj().T @ x) / len(x)
+    steps = np.concatenate([np.arange(BINS), -np.arange(1, count + 1), np.arange(BINS, BINS + count + 2)])
+    axis = grid.u[0] + grid.step * steps
+    a = full_manifold(channels, axis[np.abs(axis) < 1.0])
+    power = np.abs(a.conj().T @ x) ** 2 / len(x) ** 2
     for _ in range(iterations):
-        power = s**2
         white = max(noise, FLOOR * power.sum() + FLOOR)
         inverse = np.linalg.inv(a * power @ a.conj().T + white * np.eye(len(x)))
-        s = np.abs(a.conj().T @ inverse @ x) / np.einsum("cn,cd,dn->n", a.conj(), inverse, a).real
-    return s[np.searchsorted(axis, grid.u - 1e-9)]
+        q, s = a.conj().T @ inverse @ x, np.einsum("cn,cd,dn->n", a.conj(), inverse, a).real
+        power = np.abs(q / s) ** 2 if rule == "iaa" else np.clip(power * np.abs(q) ** 2 / s, LEAST_POWER, MOST_POWER)
+    return power
 
 
-@pytest.mark.parametrize("iterations", [0, 1, 5])
+@pytest.mark.parametrize(("rule", "iterations"), [("iaa", 0), ("iaa", 1), ("iaa", 5), ("likes", 1), ("likes", 5)])
 @pytest.mark.parametrize("name", ARRAYS)
-def test_it_equals_its_equation_written_out(generator, name, iterations):
+def test_it_equals_its_equation_written_out(generator, name, rule, iterations):
     channels = chosen(name)
     x, noise, _ = echoes(generator, channels)
     tables = adaptive_tables(RADAR, channels)
-    found = adaptive_spectrum(x, noise, tables, BINS, iterations)
-    assert found.dtype == np.float32
-    expected = [
-        slow_reference(row.astype(complex), float(n), channels, iterations) for row, n in zip(x, noise, strict=True)
-    ]
-    np.testing.assert_allclose(found, expected, atol=5e-3)
     tensors = AdaptiveTables(*(torch.from_numpy(table) for table in tables))
-    again = adaptive_spectrum(torch.from_numpy(x), torch.from_numpy(noise), tensors, BINS, iterations)
-    assert again.dtype == torch.float32
+    given, in_torch = (x, noise), (torch.from_numpy(x), torch.from_numpy(noise))
+    rows = zip(x.astype(complex), noise.astype(float), strict=True)
+    expected = np.sqrt([slow_powers(*row, channels, iterations, rule) for row in rows])
+    if rule == "iaa":
+        found = adaptive_spectrum(*given, tables, BINS, iterations)
+        again = adaptive_spectrum(*in_torch, tensors, BINS, iterations)
+        expected = expected[:, :BINS]
+    else:
+        found = np.sqrt(adaptive_powers(*given, tables, iterations, rule))
+        again = adaptive_powers(*in_torch, tensors, iterations, rule).sqrt()
+    assert (found.dtype, again.dtype) == (np.float32, torch.float32)
+    np.testing.assert_allclose(found, expected, atol=5e-3)
     np.testing.assert_allclose(again, found, atol=5e-3)
 
 
@@ -134,44 +142,6 @@ def test_hard_rows_are_finite_in_both_libraries(value, noise):
     again, _ = adaptive_features(*arguments, tensors, 5, 0.5)
     assert torch.isfinite(again).all()
     np.testing.assert_allclose(again, found, atol=5e-3)
-
-
-def full_manifold(channels, u):
-    return np.exp(-1j * 2 * np.pi / RADAR.waveform.wavelength_m * np.outer(RADAR.array.virtual[channels, 1], u))
-
-
-def slow_forms(power, x, noise, a):
-    """(q, s) of one snapshot: the full covariance, float64."""
-    white = max(noise, FLOOR * power.sum() + FLOOR)
-    inverse = np.linalg.inv(a * power @ a.conj().T + white * np.eye(len(x)))
-    return a.conj().T @ inverse @ x, np.einsum("cn,cd,dn->n", a.conj(), inverse, a).real
-
-
-def slow_powers(x, noise, channels, iterations):
-    """P of one snapshot by the "likes" rule."""
-    a = full_manifold(channels, scanned_angles(RADAR))
-    power = np.abs(a.conj().T @ x) ** 2 / len(x) ** 2
-    for _ in range(iterations):
-        q, s = slow_forms(power, x, noise, a)
-        power = np.clip(power * np.abs(q) ** 2 / s, LEAST_POWER, MOST_POWER)
-    return power
-
-
-@pytest.mark.parametrize("iterations", [1, 5])
-@pytest.mark.parametrize("name", ARRAYS)
-def test_the_likes_rule_equals_its_equation_written_out(generator, name, iterations):
-    channels = chosen(name)
-    x, noise, _ = echoes(generator, channels, rows=3)
-    tables = adaptive_tables(RADAR, channels)
-    found = adaptive_powers(x, noise, tables, iterations, "likes")
-    assert found.dtype == np.float32
-    for row, n, power in zip(x.astype(complex), noise.astype(float), found, strict=True):
-        expected = slow_powers(row, n, channels, iterations)
-        np.testing.assert_allclose(np.sqrt(power), np.sqrt(expected), atol=5e-3)
-    tensors = AdaptiveTables(*(torch.from_numpy(table) for table in tables))
-    again = adaptive_powers(torch.from_numpy(x), torch.from_numpy(noise), tensors, iterations, "likes")
-    assert again.dtype == torch.float32
-    np.testing.assert_allclose(again.sqrt(), np.sqrt(found), atol=5e-3)
 
 
 def slow_view(power, q, s, channels, uncertain, bins):
@@ -288,3 +258,10 @@ def test_a_prior_multiplies_the_powers_of_each_iteration(rule):
     np.testing.assert_allclose(in_torch.numpy(), found, rtol=2e-2, atol=1e-4)
     flat = adaptive_powers(x, noise, tables, 3, rule, prior=np.ones_like(prior))
     np.testing.assert_array_equal(flat, adaptive_powers(x, noise, tables, 3, rule))
+
+
+def test_the_phase_of_an_echo_is_that_in_the_middle_of_the_channels():
+    channels, u = chosen("sparse6"), scanned_angles(RADAR)
+    middle = np.exp(-2j * np.pi / RADAR.waveform.wavelength_m * u * RADAR.array.virtual[channels, 1].mean())
+    expected = full_manifold(channels, u).conj() * middle
+    np.testing.assert_allclose(adaptive_tables(RADAR, channels).matched, expected, atol=1e-6)

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from oracles import interpolated_peak, matched_filter_row, pixel_delays, receiver_noise, reference_file
+from oracles import interpolated_peak, matched_filter_row, reference_file
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths
@@ -17,18 +17,8 @@ from datafactory.synthesis.truth import truth_moments
 from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AVR_QDM_110_THINNED_RX, AntennaArray, line
 from shared.radar.waveform import Waveform
-from shared.signal import if_signal
-from shared.signal.adaptive import adaptive_tables
-from shared.signal.imaging import (
-    PRODUCT_FRAMES,
-    delay_and_sum,
-    near_field_images,
-    steering_matrix,
-    sweep_moments,
-)
-from shared.signal.signal import manifold
+from shared.signal.imaging import PRODUCT_FRAMES, delay_and_sum, near_field_images, steering_matrix, sweep_moments
 from shared.signal.spectrum import DopplerSelection, range_doppler, select_doppler
-from shared.signal.windows import cell_noise_power
 
 COUNT = 24
 TARGET_ROWS = np.linspace(20.0, 620.0, COUNT)
@@ -97,15 +87,6 @@ def test_targets_peak_at_their_velocity(seen, targets):
         assert abs(cell - radar.waveform.chirps // 2 - velocity / radar.waveform.velocity_step_mps) < 0.5
 
 
-def test_a_target_on_the_grid_reads_its_amplitude():
-    radar = Radar(waveform=Waveform(samples=256, range_bins=256, chirps=1))
-    u = radar.grid.u[300]
-    position = 200 * radar.waveform.range_step_m * np.array([[np.sqrt(1.0 - u**2), u, 0.0]])
-    cube = if_signal(radar, position, np.zeros((1, 3)), np.array([2.0j]))
-    image = np.abs(delay_and_sum(range_doppler(cube.astype(np.complex64), radar)[:, 0], radar))
-    assert 20.0 * np.log10(image[200, 300] / 2.0) == pytest.approx(0.0, abs=0.05)
-
-
 def test_steering_is_the_far_field_of_equation_2():
     # Delays of a point 1e5 m away against plane waves, at mid-sweep; a common phase is free.
     radar = Radar(grid=ImageGrid(bins=9))
@@ -117,27 +98,6 @@ def test_steering_is_the_far_field_of_equation_2():
     echo = np.exp(2j * np.pi * ((tx + rx - 2e5) / radar.waveform.wavelength_m))
     response = np.abs((steering_matrix(radar, array) * echo).mean(axis=0))
     np.testing.assert_allclose(response, 1.0, atol=1e-6)
-
-
-def test_the_matched_filter_row_is_its_equation():
-    radar = Radar(
-        waveform=Waveform(samples=16, range_bins=16, chirps=1),
-        virtual_sensor=AntennaArray(tx_m=((0.0, 0.01, 0.0),), rx_m=line(np.array([-0.1, 0.03, 0.2]))),
-        grid=ImageGrid(bins=5),
-    )
-    generator = np.random.default_rng(2)
-    fast_time = generator.normal(size=(16, 3)) + 1j * generator.normal(size=(16, 3))
-    row = matched_filter_row(fast_time, radar, radar.virtual_sensor, 7)
-    weights = np.sin(np.pi * np.arange(16) / 16) ** 2
-    for j, u in enumerate(radar.grid.u):
-        pixel = 7 * 299_792_458.0 / 2e9 * np.array([np.sqrt(1.0 - u**2), u, 0.0])
-        value = 0.0
-        for c, rx in enumerate(radar.virtual_sensor.rx):
-            tau = (np.linalg.norm(pixel - [0.0, 0.01, 0.0]) + np.linalg.norm(pixel - rx)) / 299_792_458.0
-            for n in range(16):
-                frequency = 77e9 + 1e9 * n / 16
-                value += weights[n] / weights.sum() * fast_time[n, c] * np.exp(-2j * np.pi * frequency * tau) / 3
-        assert row[j] == pytest.approx(value, rel=1e-6, abs=1e-9)
 
 
 @pytest.mark.parametrize("range_m", [3.0, 5.7, 20.0, 60.0])
@@ -198,72 +158,6 @@ def test_images_are_the_same_with_and_without_the_use_of_symmetry():
     assert np.abs(whole - folded).max() < 1e-5 * np.abs(folded).max()
 
 
-def test_wrong_shapes_are_refused():
-    radar = Radar(waveform=Waveform(samples=32, range_bins=20, chirps=1))
-    with pytest.raises(ValueError, match=r"expected \[batch, terms, 20, 256\]"):
-        near_field_images(np.zeros((1, 3, 20, 48), np.complex64), radar, radar.virtual_sensor)
-    with pytest.raises(ValueError, match="7 channels; expected 48"):
-        delay_and_sum(np.zeros((20, 7), np.complex64), radar)
-
-
-def share_resolved(rx: tuple[int, ...], separation_rayleigh: float, range_m: float, plane_waves: bool) -> float:
-    """Share of 150 pairs of equal reflectors of random phase that show as two peaks within half their separation."""
-    radar, generator = Radar(), np.random.default_rng(50)
-    array, grid = radar.array, radar.grid
-    chosen = array.channel_indices(rx)
-    separation_u = separation_rayleigh * radar.waveform.wavelength_m / (np.ptp(array.virtual[:, 1]) + 2e-3)
-    exact = np.exp(-2j * np.pi * radar.waveform.mid_sweep_hz * pixel_delays(radar, array, range_m))
-    weights = (steering_matrix(radar, array) if plane_waves else exact)[chosen]
-    tx, rx_position = array.tx[array.channel_tx[chosen]], array.rx[array.channel_rx[chosen]]
-    resolved = 0
-    for _ in range(150):
-        u = generator.uniform(-0.2, 0.2) + separation_u * np.array([-0.5, 0.5])
-        point = range_m * np.stack([np.sqrt(1.0 - u**2), u, np.zeros(2)], axis=1)
-        path = np.linalg.norm(point - tx[:, None], axis=2) + np.linalg.norm(point - rx_position[:, None], axis=2)
-        echo = np.exp(2j * np.pi * path / radar.waveform.wavelength_m) @ np.exp(2j * np.pi * generator.uniform(size=2))
-        image = np.abs(echo @ weights)
-        peaks = 1 + np.flatnonzero((image[1:-1] > image[:-2]) & (image[1:-1] >= image[2:]))
-        found = np.sort(grid.u[peaks[np.argsort(-image[peaks])[:2]]])
-        resolved += len(found) == 2 and bool(np.all(np.abs(found - u) < separation_u / 2.0))
-    return resolved / 150
-
-
-# Theory for plane waves and little noise: a guide that centre and peak rule move by up to 0.08, and 150 pairs by 0.04.
-THEORY = {
-    "full": {0.5: 0.08, 1.0: 0.60, 1.5: 1.0},
-    "sparse6": {0.5: 0.12, 1.0: 0.73, 1.5: 1.0},
-    "sparse4": {0.5: 0.06, 1.0: 0.56, 1.5: 0.87},
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("array", THEORY)
-def test_two_reflectors_at_5_7_m_resolve_where_theory_says(array):
-    rx = AVR_QDM_110_THINNED_RX[array]
-    for separation, expected in THEORY[array].items():
-        assert share_resolved(rx, separation, 5.7, plane_waves=False) == pytest.approx(expected, abs=0.12)
-        assert share_resolved(rx, separation, 40.0, plane_waves=True) == pytest.approx(expected, abs=0.12)
-
-
-@pytest.mark.slow
-def test_plane_waves_cost_the_sparsest_array_its_resolution_at_5_7_m():
-    # 0.3 rad of curvature at the ends of 94 mm: nothing for 16 or 6 RX, but 4 RX have sidelobes of -1.5 dB anyway.
-    losses = {
-        array: share_resolved(rx, 1.0, 5.7, plane_waves=False) - share_resolved(rx, 1.0, 5.7, plane_waves=True)
-        for array, rx in AVR_QDM_110_THINNED_RX.items()
-    }
-    assert losses["full"] < 0.15
-    assert losses["sparse6"] < 0.15
-    assert losses["sparse4"] > 0.2
-
-
-def test_noise_in_an_image_falls_with_the_number_of_channels():
-    radar = Radar(waveform=Waveform(samples=128, range_bins=128, chirps=8), grid=ImageGrid(bins=40))
-    spectra = range_doppler(receiver_noise(radar, np.random.default_rng(6)), radar)
-    power = np.mean(np.abs(delay_and_sum(spectra.reshape(-1, 48), radar)) ** 2)
-    assert 10.0 * np.log10(power * 48 / cell_noise_power(radar)) == pytest.approx(0.0, abs=0.5)
-
-
 @pytest.mark.parametrize("elements", [86, 48])
 def test_measured_reflectors_peak_where_they_stand(elements):
     # One snapshot of a half-wavelength array, corner reflectors at 15 m near 0 and 7 deg. It holds the phases of the
@@ -280,34 +174,6 @@ def test_measured_reflectors_peak_where_they_stand(elements):
     peaks = 1 + np.flatnonzero((image[1:-1] > image[:-2]) & (image[1:-1] >= image[2:]))
     found = np.sort(np.degrees(np.arcsin(radar.grid.u[peaks[np.argsort(-image[peaks])[:2]]])))
     np.testing.assert_allclose(found, [-0.006, 6.985], atol=0.15)
-
-
-RADAR = Radar()
-POSITIONS = RADAR.array.virtual[:, 1]
-
-
-def test_the_manifold_is_the_echo_of_a_far_target() -> None:
-    waveform = RADAR.waveform.model_copy(update={"chirps": 1, "samples": 128, "range_bins": 128, "bandwidth_hz": 1e7})
-    radar = RADAR.model_copy(update={"waveform": waveform})
-    row, u = 50, 0.3
-    range_m = row * waveform.range_step_m
-    position = range_m * np.array([[np.sqrt(1.0 - u**2), u, 0.0]])
-    cube = if_signal(radar, position, np.zeros((1, 3)), np.ones(1, dtype=np.complex128))
-    echo = range_doppler(cube.astype(np.complex64), radar)[row, 0]
-    expected = manifold(POSITIONS, waveform.wavelength_m, np.array(u))
-    assert abs(np.vdot(expected, echo)) / len(echo) > 0.999
-    # The other sign is the echo of a target on the other side.
-    assert abs(np.vdot(expected.conj(), echo)) / len(echo) < 0.3
-
-
-def test_images_and_the_adaptive_spectrum_look_for_its_conjugate() -> None:
-    wavelength, u = RADAR.waveform.wavelength_m, RADAR.grid.u
-    expected = manifold(POSITIONS, wavelength, u).conj()
-    np.testing.assert_array_equal(steering_matrix(RADAR, RADAR.array), expected)
-    channels = np.arange(48)
-    # The adaptive spectrum's phases are those in the middle of the array.
-    expected = manifold(POSITIONS - POSITIONS.mean(), wavelength, u).conj()
-    np.testing.assert_array_equal(adaptive_tables(RADAR, channels).matched[:, : len(u)], expected.astype(np.complex64))
 
 
 def test_a_grid_has_mirror_images_where_its_bins_meet_them() -> None:

@@ -80,20 +80,7 @@ def spoilt(selection: DopplerSelection, radar: Radar) -> np.ndarray:
     return selection.range_channel * np.exp(2j * np.pi * frequency * chirp_times(radar)[radar.array.channel_tx, 0])
 
 
-def test_seven_metres_a_second_leave_the_sidelobes_where_they_were():
-    radar = tdm_radar()
-    y_m, wavelength = radar.array.virtual[:, 1], radar.waveform.wavelength_m
-    resting, row = selected(radar, [0.0])
-    _, still = lobes(resting.range_channel[0, row], y_m, wavelength)
-    moving, row = selected(radar, [7.0])
-    u, level = lobes(moving.range_channel[0, row], y_m, wavelength)
-    assert still == pytest.approx(-13.25, abs=0.02)
-    assert level == pytest.approx(still, abs=0.1)
-    assert u == pytest.approx(U, abs=0.002)
-    assert lobes(spoilt(moving, radar)[0, row], y_m, wavelength)[1] > -3.0
-
-
-@pytest.mark.parametrize("share", [-0.9999, -0.61, 0.003, 0.25, 0.9999])
+@pytest.mark.parametrize("share", [-0.9999, -0.61, 0.003, 0.875, 0.9999])
 def test_sidelobes_and_angle_hold_over_the_whole_velocity_interval(share):
     radar = tdm_radar()
     velocity = 0.5 * share * radar.waveform.velocity_span_mps
@@ -101,6 +88,8 @@ def test_sidelobes_and_angle_hold_over_the_whole_velocity_interval(share):
     u, level = lobes(selection.range_channel[0, row], radar.array.virtual[:, 1], radar.waveform.wavelength_m)
     assert level == pytest.approx(-13.25, abs=0.1)
     assert u == pytest.approx(U, abs=0.002)
+    uncompensated = lobes(spoilt(selection, radar)[0, row], radar.array.virtual[:, 1], radar.waveform.wavelength_m)[1]
+    assert (uncompensated > -3.0) == (abs(share) > 0.8)
     half_cell = 0.5 * radar.waveform.velocity_step_mps
     assert selection.velocities_mps(radar.waveform)[0, row] == pytest.approx(velocity, abs=1.01 * half_cell)
 
@@ -121,11 +110,6 @@ def test_what_is_left_is_the_stated_phase_and_magnitude(off):
     np.testing.assert_allclose(np.angle(left), 2.0 * np.pi * off * np.arange(3) / (3 * 32), atol=2e-4)
     crossed = velocity * waveform.chirp_interval_s / waveform.range_step_m  # bins a chirp
     assert np.abs(np.abs(left) - 1.0).max() < crossed
-
-
-def test_other_channels_than_the_arrays_are_refused():
-    with pytest.raises(ValueError, match="spectra of 5 channels; expected the 48"):
-        compensated(np.zeros((4, 8, 5), np.complex64), tdm_radar(chirps=8))
 
 
 @pytest.mark.parametrize(
@@ -203,14 +187,9 @@ def test_the_interval_is_found_at_the_stated_signal_to_noise_ratio():
     for snr_db in (3.0, 10.0):
         h, cell = generator.integers(-1, 2, 1000), generator.integers(2, 14, 1000)
         cycles = (cell - 8) / 16 + h
-        signal = np.exp(2j * np.pi * generator.random(1000))[:, None] * np.exp(
-            -2j
-            * np.pi
-            * generator.uniform(-0.9, 0.9, 1000)[:, None]
-            * radar.array.virtual[:, 1]
-            / waveform.wavelength_m
-        )
-        signal *= np.exp(2j * np.pi * cycles[:, None] * radar.array.channel_tx / 3)
+        phase, u = generator.random(1000)[:, None], generator.uniform(-0.9, 0.9, 1000)[:, None]
+        phase = phase - u * radar.array.virtual[:, 1] / waveform.wavelength_m
+        signal = np.exp(2j * np.pi * (phase + cycles[:, None] * radar.array.channel_tx / 3))
         noise = generator.standard_normal((1000, 12, 2)) @ np.array([1.0, 1.0j]) * np.sqrt(0.5)
         spectra = np.zeros((1000, 16, 12), np.complex64)
         spectra[np.arange(1000), cell] = 10.0 ** (snr_db / 20.0) * signal + noise

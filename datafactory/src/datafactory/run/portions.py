@@ -33,8 +33,7 @@ from datafactory.run.shards import PATHS, Portion, ShardPlan, frame_options, pla
 from shared.dataset import to_record_batch
 from shared.dataset.locations import Location
 from shared.physics.errors import InputError
-from shared.processes.pool import Processes, ThisProcess, WorkerPool
-from shared.processes.tasks import Pool
+from shared.processes.pool import Pool, Processes, ThisProcess, WorkerPool
 from shared.radar import Radar
 
 Value = TypeVar("Value")
@@ -286,7 +285,7 @@ def deal_out(
 
 
 def failure_line(failed: dict[Portion, str]) -> str:
-    """What to say of portions whose processes died, see :class:`shared.processes.tasks.Attempts`."""
+    """What to say of portions whose processes died, see :class:`shared.processes.pool.Attempts`."""
     (portion, how), *others = failed.items()
     shards = {item.plan for item, _ in others} - {portion.plan}
     more = f" (and {len(shards)} other shards)" if shards else ""

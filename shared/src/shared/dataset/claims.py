@@ -14,31 +14,38 @@ from __future__ import annotations
 import json
 import os
 import platform
+import tempfile
 import threading
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from filelock import FileLock, Timeout
+
 from shared.dataset.locations import Location, RemotePath
 from shared.dataset.stores import kept, put_if, remove
 from shared.physics.errors import InputError
-from shared.processes.lock import LOCK
-from shared.processes.lock import claimed as claimed_here
 
+LOCK = "lock"
 BEAT_S = 15.0
 LEASE_S = 60.0
 
 
 @contextmanager
 def claimed(folder: Location, notes: Location, option: str, check: Callable[[], object]) -> Iterator[None]:
-    """Hold a folder for one job, see :func:`shared.processes.lock.claimed`.
+    """Hold a folder for one job, from before any work is done until it is over; a local one is made if need be.
 
-    :raises InputError: a folder that cannot be written to, or that another process holds
+    Folders that were made for this and that nothing came into are removed again.
+
+    :param notes: folder within it for the lock, and for what the job keeps only while it lasts
+    :param option: that named the folder, for the message
+    :param check: raises where the folder holds what this job must not touch
+    :raises InputError: a folder that cannot be made or written to, or that another process holds
     """
     if isinstance(folder, Path):
         assert isinstance(notes, Path)
-        with claimed_here(folder, notes, option, check):
+        with _claimed_here(folder, notes, option, check):
             yield
         return
     assert isinstance(notes, RemotePath)
@@ -54,6 +61,41 @@ def claimed(folder: Location, notes: Location, option: str, check: Callable[[], 
         yield
     finally:
         claim.end()
+
+
+@contextmanager
+def _claimed_here(folder: Path, notes: Path, option: str, check: Callable[[], object]) -> Iterator[None]:
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    lock = FileLock(notes / LOCK)  # the system releases it with the process, however that ends
+    try:
+        _make_writable(folder, option)
+        if not notes.exists():  # otherwise a job is at work or was killed: the lock says which
+            check()
+        notes.mkdir(exist_ok=True)
+        try:
+            lock.acquire(blocking=False)
+        except Timeout:
+            problem = f"another process is at work in {folder}"
+            raise InputError(option, problem, "to wait for it, or another folder") from None
+        try:
+            check()
+            yield
+        finally:
+            (notes / LOCK).unlink(missing_ok=True)
+            lock.release()
+    finally:
+        for path in (notes, *made):
+            with suppress(OSError):  # something stands in it
+                path.rmdir()
+
+
+def _make_writable(folder: Path, option: str) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(option, f"{folder}: {error.strerror}", "a folder that can be written") from error
 
 
 class _Claim:
@@ -86,14 +128,10 @@ class _Claim:
 def _acquired(folder: RemotePath, lock: RemotePath, option: str) -> _Claim:
     if tag := put_if(lock, _signature(), None):
         return _Claim(lock, tag)
-    found = kept(lock)
-    if found is None:  # given back meanwhile
-        if tag := put_if(lock, _signature(), None):
-            return _Claim(lock, tag)
-        raise InputError(option, f"another process is at work in {folder}", "to wait for it, or another folder")
-    holder = _holder(lock)
-    age = _age(lock, found.modified.timestamp())
-    if (age > LEASE_S or _is_gone(holder)) and (tag := put_if(lock, _signature(), found.tag)):
+    found, holder = kept(lock), _holder(lock)
+    age = 0.0 if found is None else _age(lock, found.modified.timestamp())
+    free = found is None or age > LEASE_S or _is_gone(holder)  # None: given back meanwhile
+    if free and (tag := put_if(lock, _signature(), found.tag if found else None)):
         return _Claim(lock, tag)
     problem = f"another process is at work in {folder}, {holder.get('host')} {holder.get('pid')}, seen {age:.0f} s ago"
     expected = f"to wait for it, or until it was not seen for {LEASE_S:.0f} s, or another folder"

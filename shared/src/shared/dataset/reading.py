@@ -84,7 +84,6 @@ def read_frames(path: Location, columns: Sequence[str] | None = None) -> Iterato
         rows = max(1, BATCH_BYTES // max(1, row_bytes(shapes, wanted)))
         try:
             for batch in file.iter_batches(batch_size=rows, columns=wanted, use_threads=False):
-                require_values(path, batch)
                 for row in range(len(batch)):
                     yield frame_from_row(batch, row, shapes)
         except _READ_ERRORS as error:
@@ -107,24 +106,7 @@ def read_frame(path: Location, row: int, columns: Sequence[str] | None = None) -
         except _READ_ERRORS as error:
             raise InputError(path, f"damaged: {error}", "a shard as it was written") from error
     (batch,) = table.slice(row - first, 1).combine_chunks().to_batches()
-    require_values(path, batch)
     return frame_from_row(batch, 0, shapes)
-
-
-def require_values(path: Location, batch: pa.RecordBatch) -> None:
-    """Refuse rows in which a value is missing; what we write has none.
-
-    :raises InputError: naming the shard and the column
-    """
-    for name, column in zip(batch.schema.names, batch.columns, strict=True):
-        values = [column]
-        while values:
-            part = values.pop()
-            if part.null_count:
-                raise InputError(path, f"column {name!r} has rows without a value", "a shard made by datafactory")
-            if isinstance(part, pa.StructArray | pa.ListArray | pa.FixedSizeListArray):
-                flat = part.flatten()
-                values += flat if isinstance(flat, list) else [flat]
 
 
 def radar_of(description: Mapping[str, Any], source: object = "description") -> Radar:

@@ -61,11 +61,9 @@ def kept(path: RemotePath) -> Kept | None:
 
     :raises OSError: a store that refuses or does not answer; naming the object
     """
-    import obstore
-
-    with _named(path):
+    with _asked(path) as (store, key):
         try:
-            found = obstore.get(store_of(path), _key(path), options={"head": True})
+            found = store.get(key, options={"head": True})
         except FileNotFoundError as error:
             _require_bucket(error)
             return None
@@ -74,25 +72,15 @@ def kept(path: RemotePath) -> Kept | None:
     return Kept(meta["size"], stated, meta["e_tag"] or "", meta["last_modified"])
 
 
-def put(path: RemotePath, content: Path | bytes, sha256: str) -> None:
-    """Write an object, all of it or none.
+def put(path: RemotePath, file: Path, sha256: str) -> None:
+    """Write what a file holds, all of it or none.
 
-    :param content: its bytes, or the file that holds them
     :raises OSError: a store that refuses or does not answer; naming the object
     """
-    import obstore
-
-    size = len(content) if isinstance(content, bytes) else content.stat().st_size
-    with _named(path):
-        obstore.put(
-            store_of(path),
-            _key(path),
-            content,
-            attributes={SHA256: sha256},
-            use_multipart=size > PART_BYTES,
-            chunk_size=PART_BYTES,
-            max_concurrency=PARTS_AT_A_TIME,
-        )
+    in_parts = file.stat().st_size > PART_BYTES
+    parts: Any = {"use_multipart": in_parts, "chunk_size": PART_BYTES, "max_concurrency": PARTS_AT_A_TIME}
+    with _asked(path) as (store, key):
+        store.put(key, file, attributes={SHA256: sha256}, **parts)
 
 
 def put_if(path: RemotePath, content: bytes, tag: str | None) -> str | None:
@@ -101,12 +89,11 @@ def put_if(path: RemotePath, content: bytes, tag: str | None) -> str | None:
     :returns: the new tag; None where another was faster
     :raises OSError: a store that refuses or does not answer; naming the object
     """
-    import obstore
-    from obstore.exceptions import AlreadyExistsError, PreconditionError
+    with _asked(path) as (store, key):
+        from obstore.exceptions import AlreadyExistsError, PreconditionError
 
-    with _named(path):
         try:
-            result = obstore.put(store_of(path), _key(path), content, mode="create" if tag is None else {"e_tag": tag})
+            result = store.put(key, content, mode="create" if tag is None else {"e_tag": tag})
         except (AlreadyExistsError, PreconditionError):
             return None
         except FileNotFoundError as error:  # the object of the tag is gone
@@ -120,12 +107,10 @@ def remove(*paths: RemotePath) -> None:
 
     :raises OSError: a store that refuses or does not answer
     """
-    import obstore
-
     for path in paths:
-        with _named(path):
+        with _asked(path) as (store, key):
             try:
-                obstore.delete(store_of(path), _key(path))
+                store.delete(key)
             except FileNotFoundError as error:
                 _require_bucket(error)
 
@@ -135,14 +120,10 @@ def objects_under(folder: RemotePath) -> Iterator[str]:
 
     :raises OSError: a store that refuses or does not answer
     """
-    import obstore
-
-    prefix = _key(folder)
-    with _named(folder):
-        for found in obstore.list(store_of(folder), prefix or None):
+    with _asked(folder) as (store, prefix):
+        for found in store.list(prefix or None):
             for item in found:
-                name = item["path"][len(prefix) :].lstrip("/")
-                if name:
+                if name := item["path"][len(prefix) :].lstrip("/"):
                     yield name
 
 
@@ -185,11 +166,6 @@ def _client(scheme: str, bucket: str, query: str, region: str, attempts: str) ->
     return S3Store(bucket, client_options=options, retry_config=retry, **config)
 
 
-def _key(path: RemotePath) -> str:
-    """Within the bucket."""
-    return path.key.partition("/")[2]
-
-
 def _require_bucket(error: FileNotFoundError) -> None:
     """A bucket that is missing is another thing than an object that is."""
     if "NoSuchBucket" in str(error):
@@ -197,10 +173,11 @@ def _require_bucket(error: FileNotFoundError) -> None:
 
 
 @contextmanager
-def _named(path: RemotePath) -> Iterator[None]:
-    """What obstore raises becomes an :class:`OSError` of one line that names the object."""
+def _asked(path: RemotePath) -> Iterator[tuple[Any, str]]:
+    """(the client, the key within its bucket); what obstore raises becomes an :class:`OSError` of one line that names
+    the object."""
     try:
-        yield
+        yield store_of(path), path.key.partition("/")[2]
     except InputError:
         raise
     except Exception as error:

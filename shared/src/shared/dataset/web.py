@@ -36,29 +36,21 @@ def web_filesystem(parts: SplitResult, label: str) -> tuple[FileSystem, str]:
         path = f"{parts.netloc}{parts.path}".strip("/")
         if parts.netloc != "datasets" or path.count("/") < 2:
             raise InputError(label, "names no dataset", "hf://datasets/OWNER/NAME or a folder in it")
-        return PyFileSystem(Reader(_hugging_face(label))), path
+        try:
+            from huggingface_hub import HfFileSystem
+        except ImportError:
+            raise _missing(label, "huggingface_hub") from None
+        return PyFileSystem(Reader(HfFileSystem())), path
     if not parts.hostname:
         raise InputError(label, "names no host", f"{parts.scheme}://HOST/FOLDER")
     if parts.scheme == "http" and parts.hostname not in THIS_MACHINE:
         raise InputError(label, "would be read in the clear", "https://; http:// only of this machine")
-    return PyFileSystem(Reader(_server(label))), label.rstrip("/")
-
-
-def _hugging_face(label: str) -> Any:
-    try:
-        from huggingface_hub import HfFileSystem
-    except ImportError:
-        raise _missing(label, "huggingface_hub") from None
-    return HfFileSystem()
-
-
-def _server(label: str) -> Any:
     try:
         from fsspec.implementations.http import HTTPFileSystem
     except ImportError:  # or aiohttp, which it needs
         raise _missing(label, "fsspec and aiohttp") from None
     # trust_env: proxies of the environment, and the user's ~/.netrc.
-    return HTTPFileSystem(client_kwargs={"trust_env": True})
+    return PyFileSystem(Reader(HTTPFileSystem(client_kwargs={"trust_env": True}))), label.rstrip("/")
 
 
 def _missing(label: str, packages: str) -> InputError:
@@ -69,7 +61,6 @@ class Reader(FSSpecHandler):
     """Arrow's view of an fsspec filesystem that is only read; what its libraries raise becomes an :class:`OSError`."""
 
     def get_file_info(self, paths: Sequence[str]) -> list[FileInfo]:
-        """Of every path."""
         with _as_os_error():
             return [self._info(path) for path in paths]
 
@@ -82,14 +73,12 @@ class Reader(FSSpecHandler):
                 return FileInfo(path, FileType.NotFound)
             raise error.__cause__ from None
 
-    def open_input_stream(self, path: str) -> pa.PythonFile:
-        """The file; reading one that is missing raises."""
-        return self.open_input_file(path)
-
     def open_input_file(self, path: str) -> pa.PythonFile:
         """The file; reading one that is missing raises."""
         with _as_os_error():
             return pa.PythonFile(_File(self.fs.open(path, mode="rb")), mode="r")
+
+    open_input_stream = open_input_file
 
 
 class _File(io.RawIOBase):

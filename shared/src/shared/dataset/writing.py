@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from shared.dataset.locations import Location, RemotePath, sha256_of
+from shared.dataset.stores import kept, objects_under, put, remove
 
 PARTIAL = ".partial"
 """Suffix of a file that is being written. A process that is killed leaves such a file behind."""
@@ -56,8 +57,6 @@ def atomic(path: Location) -> Iterator[Path]:
 
 @contextmanager
 def _sent(path: RemotePath) -> Iterator[Path]:
-    from shared.dataset.stores import put
-
     partial = scratch(path) / f"{os.getpid()}-{path.key.replace('/', '-')}{PARTIAL}"
     try:
         yield partial
@@ -93,8 +92,6 @@ def remove_folder(folder: Location) -> None:
     if isinstance(folder, Path):
         shutil.rmtree(folder)
         return
-    from shared.dataset.stores import objects_under, remove
-
     remove(*(folder / name for name in list(objects_under(folder))))
 
 
@@ -105,8 +102,6 @@ def is_as_recorded(path: Location, size: int, sha256: str) -> bool:
     it, see :mod:`shared.dataset.stores`; an object that something else wrote states none, and is read.
     """
     if isinstance(path, RemotePath):
-        from shared.dataset.stores import kept
-
         found = kept(path)
         if found is None or found.size != size:
             return False

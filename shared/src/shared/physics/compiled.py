@@ -16,8 +16,7 @@ Without fast-math flags both are the same to the last bit, because LLVM may chan
 chooses which product is fused with which sum, and the two differ in the last digits: the first frame after an
 installation, which compiles, from all later ones. An inlined function has no call and no second copy.
 
-Functions without such flags may call each other. That is cheaper where they are long or called at many places:
-inlined, those of ``datafactory.paths.free_extent`` take two thirds longer to compile.
+Functions without such flags may call each other, which compiles faster where they are long or called at many places.
 
 numba lets a function without flags of its own take over those of the caller that is compiled first. Both decorators
 rule that out by giving all of them. ``tests/shared/physics/test_compiled.py`` holds the sources to the rule,
@@ -63,10 +62,8 @@ def compiled(cache: bool = True, **options: Any) -> Callable[[Callable[..., Any]
 def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Decorate a function to become a part of every kernel that calls it, optimised by itself beforehand.
 
-    It keeps its own fast-math flags. LLVM inlines it, not numba: numba would do so before the optimisation, with the
-    caller's flags; loops that vectorise by themselves then often do not.
-
-    :param options: of :func:`numba.njit`
+    LLVM inlines it, not numba: numba would do so before the optimisation, with the caller's flags; loops that
+    vectorise by themselves then often do not.
     """
     return compiled(cache=False, **{**options, "forceinline": True})
 

@@ -91,10 +91,6 @@ class WedgeGeometry:
         """The rays at these indices, or where a mask is true."""
         return WedgeGeometry(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
 
-    def distance_parameter_m(self) -> PerRay:
-        """[K] L = s s' sin^2(beta_0) / (s + s') [m], in a form that takes an infinite s'."""
-        return self.sin_beta**2 / (1.0 / self.observer_distance_m + 1.0 / self.source_distance_m)
-
     def spreading(self) -> PerRay:
         """[K] 1 / sqrt(s s' (s + s')): field at the observer over D times the source's field at 1 m [m^-1.5]."""
         out, back = self.source_distance_m, self.observer_distance_m
@@ -118,7 +114,9 @@ def diffraction_coefficient(
     :return: [K] complex [sqrt(m)]; finite on the boundaries of shadow and reflection too: the limit from one side
     """
     n = np.asarray(geometry.exterior_n, dtype=np.float64)
-    scale = np.sqrt(wavenumber * geometry.distance_parameter_m())
+    # sqrt(k L), in a form that takes an infinite s'
+    nearness = 1.0 / geometry.observer_distance_m + 1.0 / geometry.source_distance_m
+    scale = np.sqrt(wavenumber * (geometry.sin_beta**2 / nearness))
     difference = geometry.observer_angle_rad - geometry.source_angle_rad
     total = geometry.observer_angle_rad + geometry.source_angle_rad
     incident = _cotangent_times_transition(np.pi + difference, n, scale)

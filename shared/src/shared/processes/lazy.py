@@ -59,14 +59,6 @@ def strangers(package: str) -> list[str]:
     return sorted({name for name in found if name.lower().replace("_", "-") != OURS[package]})
 
 
-def namesake(package: str) -> str | None:
-    """The distribution that has the very name of the package, if one is installed: a question of a millisecond."""
-    try:
-        return str(metadata.metadata(package)["Name"])
-    except metadata.PackageNotFoundError:
-        return None
-
-
 def remedy(package: str, names: list[str]) -> str:
     """The commands that bring ours back."""
     ours = OURS[package]
@@ -74,12 +66,15 @@ def remedy(package: str, names: list[str]) -> str:
 
 
 def refuse_namesake(package: str) -> None:
-    """Say in one line that a stranger's package is installed over ours.
+    """Say in one line that a stranger's package is installed over ours: a question of a millisecond.
 
     :raises ImportError: a distribution of the package's very name is installed
     """
-    if name := namesake(package):
-        raise ImportError(
-            f"the distribution {name!r} is installed over {OURS[package]!r}, both bring the package {package!r}; "
-            f"mend it: {remedy(package, [name])}"
-        )
+    try:
+        name = str(metadata.metadata(package)["Name"])
+    except metadata.PackageNotFoundError:
+        return
+    raise ImportError(
+        f"the distribution {name!r} is installed over {OURS[package]!r}, both bring the package {package!r}; "
+        f"mend it: {remedy(package, [name])}"
+    )

@@ -22,7 +22,7 @@ def usable_memory() -> int:
     """Bytes that all processes of a run together may take."""
     import psutil  # not at the top: `datafactory doctor` says what is missing
 
-    return min([psutil.virtual_memory().total, *group_limits(_groups(GROUPS_OF_THIS), MOUNTED)])
+    return min([psutil.virtual_memory().total, *group_limits(_text(GROUPS_OF_THIS), MOUNTED)])
 
 
 def group_limits(groups: str, mounted: Path) -> list[int]:
@@ -42,21 +42,14 @@ def group_limits(groups: str, mounted: Path) -> list[int]:
             continue
         group = PurePosixPath(path.lstrip("/"))
         for folder in (group, *group.parents):
-            found.append(_limit(root / folder / name))
-    return [limit for limit in found if limit is not None]
+            found.append(_text(root / folder / name).strip())
+    # Of a group that is not limited version 2 has the word "max", version 1 a number near 2**63.
+    return [int(text) for text in found if text.isdigit()]
 
 
-def _groups(path: Path) -> str:
+def _text(path: Path) -> str:
+    """Of a file of the system, "" where it is not seen from here: no Linux, or another container's."""
     try:
         return path.read_text(encoding="utf-8")
-    except OSError:  # no Linux
-        return ""
-
-
-def _limit(path: Path) -> int | None:
-    """None for a group that is not seen from here, or that is not limited."""
-    try:
-        text = path.read_text(encoding="ascii").strip()
     except OSError:
-        return None
-    return int(text) if text.isdigit() else None  # version 2 has the word "max"; version 1 a number near 2**63
+        return ""

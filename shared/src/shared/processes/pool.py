@@ -16,21 +16,18 @@ import shutil
 import signal
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Iterator
+from collections import Counter, deque
+from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from multiprocessing import resource_tracker
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Generic
+from typing import Any, Generic, Protocol, TypeVar
 
 from loky import ProcessPoolExecutor, process_executor
 from loky.process_executor import BrokenProcessPool
-
-from shared.processes.tasks import Attempts, Finished, Item, Result, Work
 
 AHEAD = 2
 """Tasks handed to each worker: one at work, one to go on with."""
@@ -38,6 +35,90 @@ PARENT_CHECK_S = 0.5
 """How often a worker looks whether the process that started it is still there."""
 
 WORK = "work.pickle"
+
+ATTEMPTS = 3
+"""Processes that may die of one task before it counts as failed."""
+LOSSES = 10
+"""Machines that may be lost with one task before it counts as failed. A machine holds many tasks, and is seldom lost by
+the fault of one; a task whose machine is always lost is to blame all the same."""
+
+Item = TypeVar("Item", bound=Hashable)
+Result = TypeVar("Result")
+Item_contra = TypeVar("Item_contra", contravariant=True)
+Result_co = TypeVar("Result_co", covariant=True)
+
+
+class Work(Protocol[Item_contra, Result_co]):
+    """What every worker is given once; it can be pickled."""
+
+    def begin(self) -> None:
+        """Make the process ready; called once in each."""
+
+    def __call__(self, item: Item_contra, /) -> Result_co:
+        """Do one task."""
+
+
+@dataclass(frozen=True)
+class Finished(Generic[Item, Result]):
+    """A task that is done, or that failed.
+
+    :param result: None where it failed
+    :param failure: how often and how its processes ended, in words; empty where it is done
+    """
+
+    item: Item
+    result: Result | None
+    failure: str = ""
+
+
+class Pool(Protocol[Item, Result]):
+    """Processes that work on tasks; a context, which ends what it started when it is left, whatever for."""
+
+    def __enter__(self) -> Pool[Item, Result]: ...
+
+    def __exit__(self, *error: Any) -> None: ...
+
+    @property
+    def busy(self) -> bool:
+        """Whether any task is not finished."""
+
+    @property
+    def has_room(self) -> bool:
+        """Whether another task may be handed out."""
+
+    def submit(self, item: Item) -> None:
+        """Hand out a task."""
+
+    def finished(self, timeout_s: float) -> Iterator[Finished[Item, Result]]:
+        """What has finished within this time [s]; tasks of processes that died are handed out again.
+
+        :raises Exception: what a task raised
+        """
+
+
+class Attempts(Generic[Item, Result]):
+    """How often a task was begun in vain, and whether it is tried again."""
+
+    def __init__(self) -> None:
+        self._deaths: Counter[Item] = Counter()
+        self._losses: Counter[Item] = Counter()
+
+    def died(self, item: Item, how: str) -> Finished[Item, Result] | None:
+        """A process died of a task; None where it is to be tried again.
+
+        :param how: the process ended, in words
+        """
+        self._deaths[item] += 1
+        if self._deaths[item] < ATTEMPTS:
+            return None
+        return Finished(item, None, f"three worker processes died of it, {how}")
+
+    def lost(self, item: Item) -> Finished[Item, Result] | None:
+        """A machine was lost with a task; None where it is to be tried again."""
+        self._losses[item] += 1
+        if self._losses[item] < LOSSES:
+            return None
+        return Finished(item, None, f"{LOSSES} machines were lost while they worked on it")
 
 
 @dataclass
@@ -48,7 +129,7 @@ class _Worker(Generic[Item]):
     running: deque[tuple[Item, Path, Future[None]]] = field(default_factory=deque)
 
 
-class ThisProcess(Generic[Item, Result]):
+class ThisProcess(Pool[Item, Result]):
     """A pool without processes: a task is done here when it is asked for.
 
     :param work: that is done
@@ -63,27 +144,20 @@ class ThisProcess(Generic[Item, Result]):
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Nothing to end."""
+        pass
 
     @property
     def busy(self) -> bool:
-        """Whether a task is not done."""
         return bool(self._waiting)
 
     @property
     def has_room(self) -> bool:
-        """Whether another task may be handed over."""
         return not self._waiting
 
     def submit(self, item: Item) -> None:
-        """Hand over a task."""
         self._waiting.append(item)
 
     def finished(self, timeout_s: float) -> Iterator[Finished[Item, Result]]:
-        """Do what was handed over.
-
-        :raises Exception: what the task raised
-        """
         while self._waiting:
             item = self._waiting.pop()
             yield Finished(item, self._work(item))
@@ -122,7 +196,7 @@ class Processes:
         return self._started.pop(0)
 
 
-class WorkerPool(Generic[Item, Result]):
+class WorkerPool(Pool[Item, Result]):
     """A context that ends its processes when it is left, whatever for.
 
     :param work: what the workers do; its tasks can be pickled and hashed
@@ -145,32 +219,23 @@ class WorkerPool(Generic[Item, Result]):
         self._workers = [_Worker(self._processes.one()) for _ in range(self._count)]
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         for worker in self._workers:
             worker.executor.shutdown(wait=True, kill_workers=True)
         shutil.rmtree(self._folder, ignore_errors=True)
 
     @property
     def busy(self) -> bool:
-        """Whether any task is not finished."""
         return any(worker.running for worker in self._workers)
 
     @property
     def has_room(self) -> bool:
-        """Whether another task may be handed out."""
         return any(len(worker.running) < AHEAD for worker in self._workers)
 
     def submit(self, item: Item) -> None:
-        """Hand a task to the worker that has least to do."""
         self._hand(min(self._workers, key=lambda worker: len(worker.running)), item)
 
     def finished(self, timeout_s: float) -> Iterator[Finished[Item, Result]]:
-        """What has finished within this time [s]; tasks of processes that died are handed out again.
-
-        :raises Exception: what a task raised
-        """
         wait([worker.running[0][2] for worker in self._workers if worker.running], timeout_s, FIRST_COMPLETED)
         for place in range(self._count):
             while (worker := self._workers[place]).running and worker.running[0][2].done():
@@ -209,7 +274,6 @@ class WorkerPool(Generic[Item, Result]):
 
 
 def _how(error: BaseException) -> str:
-    """How a process ended, in a few words."""
     codes = [part for part in str(error).replace("}", "{").split("{") if "SIG" in part or "EXIT" in part]
     return f"its process ended by {codes[0]}" if codes else "its process ended"
 
@@ -238,13 +302,13 @@ def _begin(ready: Callable[[], object], parent: int) -> None:
 
 def end_with_parent(parent: int) -> None:
     """End this process when the one that started it is gone: a process that was killed cannot end its workers."""
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(PARENT_CHECK_S)
+        os._exit(1)
 
-def _end_with(parent: int) -> None:
-    while os.getppid() == parent:
-        time.sleep(PARENT_CHECK_S)
-    os._exit(1)
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _do(work_file: Path, item: Any, answer: Path) -> None:

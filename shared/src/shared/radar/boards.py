@@ -14,9 +14,8 @@ on the elements alone; a public capture of 2 x 4 of them has its stated angles.
 What nothing says, and is taken here:
 
 - The wavelength of the single-chip boards' grid: that of :data:`DESIGN_HZ`. A wavelength 1 % off scales u by 1 %.
-- How the group of TX stands to the group of RX: both are centred on the radar's origin. In the far field only sums of
-  TX and RX positions count. At a range R an offset d of the group turns what is seen by about d / (2 R) rad, 0.06
-  degrees for 20 mm at 10 m.
+- How the group of TX stands to the group of RX: both are centred on the radar's origin. At a range R an offset d of the
+  group turns what is seen by about d / (2 R) rad, 0.06 degrees for 20 mm at 10 m.
 - Towards which side the numbers run. y falls with the number here: under that sign the echoes of the public captures of
   OpenRadar (8 channels) and of a cascade (86 elements) have the angles that are stated beside them. A radar file with
   ``mirror = true`` turns the board round.
@@ -57,35 +56,6 @@ class Board:
     profile: ChirpProfile
 
 
-def iwr1443() -> Board:
-    """IWR1443BOOST, AWR1443BOOST: 3 TX, 4 RX.
-
-    RX half a wavelength apart. TX1 and TX3 two wavelengths apart; TX2 midway between them, half a wavelength higher.
-    Eight elements at half a wavelength along the azimuth line.
-    """
-    return _board(_array((0, 2, 4), (0, 1, 2, 3), tx_up=(0, 1, 0)), transmit_power_dbm=12.0, noise_figure_db=16.0)
-
-
-def iwr1642() -> Board:
-    """IWR1642BOOST, AWR1642BOOST: 2 TX two wavelengths apart, 4 RX half a wavelength apart: 8 elements."""
-    return _board(_array((0, 4), (0, 1, 2, 3)), transmit_power_dbm=12.5, noise_figure_db=15.0)
-
-
-def iwr1843() -> Board:
-    """IWR1843BOOST, AWR1843BOOST: the elements of :func:`iwr1443`."""
-    return _board(iwr1443().array, transmit_power_dbm=12.0, noise_figure_db=15.0)
-
-
-def awr2944() -> Board:
-    """AWR2944EVM: 4 TX, 4 RX (``antGeometryCfg`` of the demo). Its converter samples real signals.
-
-    RX half a wavelength apart. TX1, TX3 and TX4 stand at 0, 2 and 4 wavelengths, TX2 at one, 0.8 wavelengths off the
-    line. Twelve elements at half a wavelength along the azimuth line.
-    """
-    array = _array((0, 2, 4, 8), (0, 1, 2, 3), tx_up=(0, 1.6, 0, 0))
-    return _board(array, real=True, transmit_power_dbm=12.0, noise_figure_db=13.0)
-
-
 CASCADE_TX = (11, 10, 9, 32, 28, 24, 20, 16, 12, 8, 4, 0)
 CASCADE_TX_UP = (6, 4, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0)
 CASCADE_RX = (11, 12, 13, 14, 50, 51, 52, 53, 46, 47, 48, 49, 0, 1, 2, 3)
@@ -102,20 +72,33 @@ def mmwcas() -> Board:
     return _board(array, chirps=64, transmit_power_dbm=13.0, noise_figure_db=13.0)
 
 
-def mmwcas_azimuth() -> Board:
-    """The cascade without its elevated TX: TX12 first and TX4 last, as TI's scripts let them send; 86 elements."""
-    array = _array(CASCADE_TX[:2:-1], CASCADE_RX, design_hz=CASCADE_DESIGN_HZ)
-    return _board(array, chirps=64, transmit_power_dbm=13.0, noise_figure_db=13.0)
+FOUR_RX = (0, 1, 2, 3)
+
+
+def _three_by_four() -> AntennaArray:
+    """TX1 and TX3 two wavelengths apart, TX2 midway between them, half a wavelength higher: 8 elements on the line."""
+    return _array((0, 2, 4), FOUR_RX, tx_up=(0, 1, 0))
 
 
 BOARDS: dict[str, Callable[[], Board]] = {
-    "iwr1443": iwr1443,
-    "iwr1642": iwr1642,
-    "iwr1843": iwr1843,
-    "awr2944": awr2944,
+    # IWR1443BOOST, AWR1443BOOST
+    "iwr1443": lambda: _board(_three_by_four(), transmit_power_dbm=12.0, noise_figure_db=16.0),
+    # IWR1642BOOST, AWR1642BOOST: 2 TX two wavelengths apart, 8 elements
+    "iwr1642": lambda: _board(_array((0, 4), FOUR_RX), transmit_power_dbm=12.5, noise_figure_db=15.0),
+    # IWR1843BOOST, AWR1843BOOST
+    "iwr1843": lambda: _board(_three_by_four(), transmit_power_dbm=12.0, noise_figure_db=15.0),
+    # AWR2944EVM (``antGeometryCfg`` of the demo), whose converter samples real signals: TX1, TX3 and TX4 stand at 0, 2
+    # and 4 wavelengths, TX2 at one, 0.8 wavelengths off the line; twelve elements along it.
+    "awr2944": lambda: _board(
+        _array((0, 2, 4, 8), FOUR_RX, tx_up=(0, 1.6, 0, 0)), real=True, transmit_power_dbm=12.0, noise_figure_db=13.0
+    ),
     "mmwcas": mmwcas,
-    "mmwcas-azimuth": mmwcas_azimuth,
-}
+    # The cascade without its elevated TX: TX12 first and TX4 last, as TI's scripts let them send; 86 elements
+    "mmwcas-azimuth": lambda: _board(
+        _array(CASCADE_TX[:2:-1], CASCADE_RX, design_hz=CASCADE_DESIGN_HZ),
+        chirps=64, transmit_power_dbm=13.0, noise_figure_db=13.0,
+    ),
+}  # fmt: skip
 """By the names that ``--radar`` and ``--board`` take."""
 
 

@@ -18,11 +18,6 @@ from shared.radar.radar import Radar, first_validation_error, read_toml, validat
 from shared.radar.waveform import Waveform
 
 
-def _virtual_preset() -> Radar:
-    waveform = Waveform()
-    return Radar(name="avr-qdm-110-virtual", waveform=waveform, array=virtual_sensor_256(waveform.carrier_hz))
-
-
 def board_radar(name: str, mirror: bool = False) -> Radar:
     """A board of :data:`shared.radar.boards.BOARDS` with chirps to simulate; mirrored if asked for.
 
@@ -37,7 +32,7 @@ def board_radar(name: str, mirror: bool = False) -> Radar:
 
 PRESETS: dict[str, Callable[[], Radar]] = {
     "avr-qdm-110": lambda: Radar(name="avr-qdm-110"),
-    "avr-qdm-110-virtual": _virtual_preset,
+    "avr-qdm-110-virtual": lambda: Radar(name="avr-qdm-110-virtual", array=virtual_sensor_256(Waveform().carrier_hz)),
     **{name: partial(board_radar, name) for name in BOARDS},
 }
 """The paper's sensor, its enhanced virtual twin, and the boards, by the name that ``--radar`` takes."""

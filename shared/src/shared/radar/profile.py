@@ -22,8 +22,6 @@ from shared.radar.arrays import AntennaArray
 from shared.radar.waveform import Duration, Frequency, Waveform
 
 Number = Annotated[int, Field(ge=1, le=64)]
-LARGEST_CFG = 2**20
-"""Bytes of a configuration; those of the SDK's demos have some 2000."""
 
 
 class ChirpProfile(BaseModel):
@@ -128,8 +126,6 @@ def _lines(path: Path) -> dict[str, list[list[str]]]:
     """The words after each command, by command."""
     expected = "a configuration of the mmWave SDK"
     try:
-        if path.stat().st_size > LARGEST_CFG:
-            raise InputError(path, f"{path.stat().st_size} bytes", f"at most {LARGEST_CFG}")
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(path, f"not readable: {error}", expected) from error

@@ -160,8 +160,8 @@ class Radar(Told, BaseModel):
                 "doppler_window": "hann",
                 **self.front_end.model_dump(),
             },
-            "array": {**_positions(self.array), "order": "rx-major"},
-            "virtual_sensor": {**_positions(self.virtual_sensor), "order": "rx-major"},
+            "array": {**self.array.model_dump(mode="json"), "order": "rx-major"},
+            "virtual_sensor": {**self.virtual_sensor.model_dump(mode="json"), "order": "rx-major"},
             "axes": {
                 "range_m": {"start": 0.0, "step": waveform.range_step_m, "bins": waveform.range_bins},
                 "u": {"start": grid.u_start, "step": grid.step, "bins": grid.bins},
@@ -173,10 +173,6 @@ class Radar(Told, BaseModel):
                 },
             },
         }
-
-
-def _positions(array: AntennaArray) -> dict[str, list[list[float]]]:
-    return {"tx_m": [list(position) for position in array.tx_m], "rx_m": [list(position) for position in array.rx_m]}
 
 
 def first_validation_error(error: ValidationError, place: str = "", keys: Iterable[str] = ()) -> tuple[str, str]:

@@ -13,9 +13,7 @@ and each iteration, from delay-and-sum on, follows from q = a^H R^-1 x and s = a
                                   (Stoica and Babu, Signal Process. 92, 2012), whose step P |q| / sqrt(s) is its square
                                   root: 12 iterations do what takes LIKES 30. Sparse; resolves what the array can.
 
-The iteration knows the elements' positions and divides a snapshot's power among all angles. That removes a thinned
-array's ambiguities, and with them most of the difference between arrays. It assumes plane waves: right for the input
-array beyond some 5 m.
+It assumes plane waves: right for the input array beyond some 5 m.
 
 Given P the echoes are Gaussian a posteriori, with mean P q and variance P (1 - P s): :func:`virtual_view` says what the
 virtual sensor would see of them.
@@ -64,11 +62,7 @@ def array_namespace(array: Array) -> Any:
 
 @contextmanager
 def one_thread(library: Any) -> Iterator[None]:
-    """LAPACK on one thread: on small matrices two cost more than they save.
-
-    Where another process has one of two cores, 1890 inverses of 18 x 18 take torch 0.03 to 1.5 s with two threads,
-    which wait for each other at every matrix, and 0.014 s with one.
-    """
+    """LAPACK on one thread: on small matrices two wait for each other, a hundredfold where the cores are not free."""
     if not hasattr(library, "set_num_threads"):
         yield
         return
@@ -175,7 +169,6 @@ def likes_ratio(filtered: Array, form: Array) -> Array:
 
 
 def bounded_power(power: Array) -> Array:
-    """Powers within :data:`LEAST_POWER` and :data:`MOST_POWER`."""
     return array_namespace(power).clip(power, LEAST_POWER, MOST_POWER)
 
 

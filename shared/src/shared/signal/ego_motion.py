@@ -9,9 +9,8 @@ v the sensor's velocity. A line along y knows no w. On a level road, seen at its
 
     rate(u) = -(v_x sqrt(1 - u^2) + v_y u).
 
-An echo at another height is less fast, by v_x w^2 / (2 sqrt(1 - u^2)) for small w: 0.5 % of v_x at 5 m for 0.5 m, and
-0.45 m/s at 10 m/s for a roof 3 m above the sensor at 10 m. A radar that looks along its motion (v_y = 0) has the same
-rate at u and -u: it cannot tell left from right by it.
+An echo at another height is less fast, by v_x w^2 / (2 sqrt(1 - u^2)) for small w. A radar that looks along its motion
+(v_y = 0) has the same rate at u and -u: it cannot tell left from right by it.
 
 Velocities are known modulo the width K of the Doppler axis, times what TDM elements that coincide resolve
 (:attr:`shared.radar.Radar.velocity_intervals`): every difference of two is taken the short way round.
@@ -86,7 +85,7 @@ class EgoMotion:
 
 
 def velocity_period_mps(radar: Radar) -> float:
-    """Velocities this far apart [m/s] look alike."""
+    """Velocities this far apart look alike."""
     return radar.waveform.velocity_span_mps * radar.velocity_intervals
 
 

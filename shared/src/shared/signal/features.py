@@ -80,7 +80,7 @@ def covariance_rows(range_channel: Snapshots, bins: int) -> Complex[Array, "*bat
     """
     xp = array_namespace(range_channel)
     channels = range_channel.shape[-1]
-    kept = covariance_size(channels, bins)
+    kept = min(channels, int((np.sqrt(8.0 * bins + 1.0) - 1.0) / 2.0))
     first, second = np.triu_indices(kept)
     padding = bins - len(first)
     weight = np.pad(np.full(len(first), 1.0 / channels, np.float32), (0, padding))
@@ -100,12 +100,6 @@ def covariance_channels(range_channel: Snapshots) -> Float[Array, "*batch 3 rows
     matrix = unit[..., :, None] * xp.conj(unit[..., None, :]) / channels
     flat = matrix.reshape(*unit.shape[:-1], channels * channels)
     return xp.stack([flat.real, flat.imag, xp.angle(flat)], axis=-3)
-
-
-def covariance_size(channels: int, bins: int) -> int:
-    """Rows and columns of the covariance whose upper triangle fits ``bins``: at most all channels."""
-    fitting = int((np.sqrt(8.0 * bins + 1.0) - 1.0) / 2.0)
-    return min(channels, fitting)
 
 
 def row_features(
@@ -137,7 +131,7 @@ def row_features(
     low, high = SIGNAL_TO_NOISE_RANGE
     over_noise = 2.0 * (xp.log10(xp.clip(scale, SMALLEST_AMPLITUDE, None)) - xp.log10(noise))
     over_noise = xp.clip(over_noise, low, high)
-    if not _none(model_error):
+    if not (isinstance(model_error, float) and model_error == 0.0):
         over_noise = -xp.log10(with_model_error(10.0**-over_noise, 1.0, _by_row(model_error, 2)))
     over_noise = (xp.clip(over_noise, low, high) - low) / (high - low)
     level = xp.broadcast_to(over_noise, magnitude.shape)
@@ -219,10 +213,6 @@ def unit_rows(range_channel: Array) -> tuple[Array, Array]:
     bounded = xp.where(has_signal, range_channel, 0.0) / xp.where(has_signal, largest, 1.0)
     rms = xp.sqrt(xp.mean(xp.abs(bounded) ** 2, axis=-1, keepdims=True))
     return bounded / xp.where(rms > 0, rms, 1.0), largest * rms
-
-
-def _none(model_error: ModelError) -> bool:
-    return isinstance(model_error, float) and model_error == 0.0
 
 
 def _by_row(model_error: ModelError, axes: int) -> Array:

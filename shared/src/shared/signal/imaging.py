@@ -48,8 +48,6 @@ def delay_and_sum(
     weights = steering_matrix(radar, radar.array)
     if channels is not None:
         weights, range_channel = weights[channels], range_channel[..., channels]
-    if range_channel.shape[-1] != len(weights):
-        raise ValueError(f"range_channel has {range_channel.shape[-1]} channels; expected {len(weights)}")
     return (range_channel @ (weights / len(weights)).astype(np.complex64)).astype(np.complex64, copy=False)
 
 
@@ -141,8 +139,7 @@ def _whole_images(moments: NDArray, radar: Radar, array: AntennaArray, images: N
     matrix = np.empty((terms, channels, 2, radar.grid.bins), dtype=np.float32)
     pairs = Pairs(array.tx, array.rx, array.channel_tx, array.channel_rx)
     for row, range_m in enumerate(radar.waveform.ranges_m):
-        here = Row(float(row), range_m, radar.grid.u, *_per_metre(radar), np.float32(1.0 / channels))
-        fill_matrix(pairs, here, matrix)
+        fill_matrix(pairs, _row(radar, row, range_m, radar.grid.u, 1.0 / channels), matrix)
         for b in range(batch):
             signal[b // PRODUCT_FRAMES, :, b % PRODUCT_FRAMES] = moments[b, :, row], -1j * moments[b, :, row]
         product = _product(signal, matrix).swapaxes(1, 2).reshape(-1, 2, radar.grid.bins)[:batch]
@@ -161,16 +158,14 @@ def _folded_images(moments: NDArray, radar: Radar, array: AntennaArray, crossing
     lines = (-(-batch // PRODUCT_FRAMES), 2, PRODUCT_FRAMES, terms, half)
     sums, differences = np.zeros(lines, dtype=np.complex64), np.zeros(lines, dtype=np.complex64)
     even, odd = (np.empty((terms, half, 2, len(u)), dtype=np.float32) for _ in range(2))
-    pairs, scale = (
-        Pairs(array.tx, array.rx, array.channel_tx[half:], array.channel_rx[half:]),
-        np.float32(0.5 / channels),
-    )
+    pairs = Pairs(array.tx, array.rx, array.channel_tx[half:], array.channel_rx[half:])
     for row, range_m in enumerate(radar.waveform.ranges_m):
-        fill_folded(pairs, Row(float(row), range_m, u, *_per_metre(radar), scale), even, odd)
+        fill_folded(pairs, _row(radar, row, range_m, u, 0.5 / channels), even, odd)
         fold_signals(moments, row, sums, differences)
         unfold(_product(sums, even), _product(differences, odd), row, start, crossing, first, images)
 
 
-def _per_metre(radar: Radar) -> tuple[float, float]:
-    """Cycles at mid-sweep and range bins of a metre of path."""
-    return reference_frequency_hz(radar) / SPEED_OF_LIGHT, radar.waveform.bandwidth_hz / SPEED_OF_LIGHT
+def _row(radar: Radar, number: int, range_m: float, u: NDArray, scale: float) -> Row:
+    cycles_per_metre = reference_frequency_hz(radar) / SPEED_OF_LIGHT
+    bins_per_metre = radar.waveform.bandwidth_hz / SPEED_OF_LIGHT
+    return Row(float(number), range_m, u, cycles_per_metre, bins_per_metre, np.float32(scale))

@@ -10,7 +10,7 @@ from jaxtyping import Complex, Float, Float32, Float64, Int, Int64
 
 from shared.radar import Radar
 from shared.radar.waveform import Waveform
-from shared.signal.tdm import compensated, turned_as, unfolded
+from shared.signal.tdm import compensated, most_coherent, phasors, turns
 from shared.signal.windows import hann
 
 RAYLEIGH_MEAN = 0.886
@@ -121,12 +121,23 @@ def selection_at(
 
 
 def unfold(selection: DopplerSelection, radar: Radar) -> DopplerSelection:
-    """The selection with the velocity interval of each peak, as far as a TDM radar's coinciding elements tell it.
+    """The selection turned to the velocity interval of each peak, as far as a TDM radar's coinciding elements tell it.
 
-    See :func:`shared.signal.tdm.unfolded`; the same selection where all TX send at once.
+    Velocities lie within :attr:`shared.radar.Radar.velocity_intervals` intervals around 0. Of intervals that the
+    channels do not tell apart the one of least velocity is taken. Zeros have interval 0, as all have where all TX send
+    at once. See :mod:`shared.signal.tdm`.
     """
-    range_channel, interval = unfolded(selection.range_channel, selection.cells, selection.magnitude, radar)
-    return replace(selection, range_channel=range_channel, interval=interval)
+    turn, known, chirps = turns(radar), radar.velocity_intervals, radar.waveform.chirps
+    if not turn.any():
+        return selection
+    interval = most_coherent(selection.range_channel, radar) if known > 1 else np.zeros_like(selection.cells)
+    cycles = (selection.cells - chirps // 2) / chirps
+    interval -= known * np.floor((cycles + interval) / known + 0.5).astype(np.int64)
+    rows = np.arange(len(selection.magnitude))
+    upper = selection.magnitude[rows, -1] > selection.magnitude[rows, 1 % chirps]
+    interval += known * ((cycles + interval == -0.5 * known) & upper)
+    turned = selection.range_channel * phasors(interval[..., None] * turn, selection.range_channel)
+    return replace(selection, range_channel=turned, interval=interval)
 
 
 def doppler_neighbours(
@@ -134,9 +145,14 @@ def doppler_neighbours(
 ) -> Complex[np.ndarray, "2 peaks rows channels"]:
     """The cells below and above each one of a selection, TX turned back as in the cell itself. The axis is a circle.
 
+    An echo that stands between cells shows in several of them, and has one velocity.
+
     :param spectra: those that the selection was made from
     """
-    chirps, rows = radar.waveform.chirps, np.arange(len(spectra))
+    turn, chirps = turns(radar), radar.waveform.chirps
+    cells = np.stack([(selection.cells + step) % chirps for step in (-1, 1)])
+    values = spectra[np.arange(len(spectra)), cells]
+    if not turn.any():
+        return values
     own = (selection.cells + chirps * selection.interval).astype(np.float64)
-    cells = [(selection.cells + step) % chirps for step in (-1, 1)]
-    return np.stack([turned_as(spectra[rows, other], other, own, radar) for other in cells])
+    return values * phasors((own - cells)[..., None] / chirps * turn, values)

@@ -6,25 +6,18 @@ mid-sweep, positive when receding. In the Doppler cell whose centre is f these c
 
     exp(-j 2 pi f i T / N)
 
-(Bechter, Roos and Waldschmidt, "Compensation of motion-induced phase errors in TDM MIMO radars", IEEE Microwave and
-Wireless Components Letters 27, 2017). TX 0 keeps its values.
+(Bechter, Roos and Waldschmidt, IEEE Microwave and Wireless Components Letters 27, 2017). TX 0 keeps its values.
 
 The chirps of one TX come every T, so that f_D is f + h / T with an integer h, the *interval*, that no Doppler spectrum
 knows. Channels of different TX whose virtual elements coincide see the same echo at different times. After the turn
 above they differ by exp(+j 2 pi h (i - i') / N). Turned back by each h they are added, and their power
-sum_places |sum_c x_c exp(-j 2 pi h i_c / N)|^2 is largest for the right h (Schmid, Feger, Pfeffer and Stelzer, "Motion
-compensation and efficient array design for TDMA FMCW MIMO radar systems", EuCAP 2012, compare the phases of such
-elements).
+sum_places |sum_c x_c exp(-j 2 pi h i_c / N)|^2 is largest for the right h (Schmid, Feger, Pfeffer and Stelzer, EuCAP
+2012, compare the phases of such elements). With an even number of chirps the lowest Doppler cell lies half below the
+interval, where it is the upper edge: the larger of its neighbours says which.
 
-What is left. A velocity off the centre of its Doppler cell, by at most half a cell, leaves at most pi i / (N M) rad
-(M chirps; 0.016 rad for 3 TX and 128 chirps). An echo that crosses rho range bins in a frame stands rho i / (N M) bins
-further in the channels of TX i: that changes its magnitude there by as much, and not its phase. With an even M the
-lowest Doppler cell lies half below the interval, where it is the upper edge: the larger of its neighbours says which.
-
-Limits. A range-Doppler cell has one h: where two targets of different h share it, the stronger decides. Without
-elements of different TX that coincide nothing tells h, and 0 is taken: a target outside the interval then stands at a
-wrong velocity and angle, or is blurred (:func:`statement`). Elements coincide in the far field; at a distance d a pair
-differs by up to k (y_tx^2 + y_rx^2 - y_tx'^2 - y_rx'^2) / (2 d) more.
+Limits: a range-Doppler cell has one h, that of the stronger target. Without elements that coincide nothing tells h, and
+0 is taken (:func:`statement`). Elements coincide in the far field; at a distance d a pair differs by up to
+k (y_tx^2 + y_rx^2 - y_tx'^2 - y_rx'^2) / (2 d) more. What compensation leaves is in docs/notes/tdm.md.
 """
 
 from __future__ import annotations
@@ -32,7 +25,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Complex, Float, Float64, Int, Int64
+from jaxtyping import Complex, Float64, Int, Int64
 
 from shared.radar import Radar
 from shared.signal.signal import chirp_times
@@ -50,65 +43,17 @@ def compensated(
     """Range-Doppler spectra [R, chirps, C], velocity rising, with every TX turned back to TX 0; in place.
 
     Exact for a target at the centre of its Doppler cell and within the velocity interval, and for all of TX 0.
-
-    :raises ValueError: other channels than those of the radar's array
     """
     turn = turns(radar)
     if not turn.any():
         return spectra
-    if spectra.shape[2] != len(turn):
-        raise ValueError(f"spectra of {spectra.shape[2]} channels; expected the {len(turn)} of a TDM radar's array")
     chirps = radar.waveform.chirps
     cycles = (np.arange(chirps) - chirps // 2) / chirps  # in a chirp interval
-    spectra *= _phasors(cycles[:, None] * turn, spectra)
+    spectra *= phasors(cycles[:, None] * turn, spectra)
     return spectra
 
 
-def unfolded(
-    range_channel: Complex[np.ndarray, "peaks rows channels"],
-    cells: Int64[np.ndarray, "peaks rows"],
-    magnitude: Float[np.ndarray, "rows chirps"],
-    radar: Radar,
-) -> tuple[Complex[np.ndarray, "peaks rows channels"], Int64[np.ndarray, "peaks rows"]]:
-    """(compensated channels [D, R, C] turned to the most coherent interval, those intervals h [D, R]).
-
-    Velocities lie within :attr:`shared.radar.Radar.velocity_intervals` intervals around 0. Of intervals that the
-    channels do not tell apart the one of least velocity is taken. Zeros have h = 0.
-
-    :param cells: [D, R] Doppler cells on the rising velocity axis
-    :param magnitude: [R, chirps] mean over the channels
-    """
-    turn, known, chirps = turns(radar), radar.velocity_intervals, radar.waveform.chirps
-    if not turn.any():
-        return range_channel, np.zeros_like(cells)
-    interval = _most_coherent(range_channel, radar) if known > 1 else np.zeros_like(cells)
-    cycles = (cells - chirps // 2) / chirps
-    interval -= known * np.floor((cycles + interval) / known + 0.5).astype(np.int64)
-    rows = np.arange(len(magnitude))
-    upper = magnitude[rows, -1] > magnitude[rows, 1 % chirps]
-    interval += known * ((cycles + interval == -0.5 * known) & upper)
-    return range_channel * _phasors(interval[..., None] * turn, range_channel), interval
-
-
-def turned_as(
-    values: Complex[np.ndarray, "peaks rows channels"],
-    cells: Int64[np.ndarray, "peaks rows"],
-    others: Float64[np.ndarray, "peaks rows"],
-    radar: Radar,
-) -> Complex[np.ndarray, "peaks rows channels"]:
-    """Compensated channels [D, R, C] of ``cells``, turned back by the phases of the Doppler cells ``others``.
-
-    An echo that stands between cells shows in several of them, and has one velocity.
-
-    :param others: the interval included, in cells
-    """
-    turn = turns(radar)
-    if not turn.any():
-        return values
-    return values * _phasors((others - cells)[..., None] / radar.waveform.chirps * turn, values)
-
-
-def _most_coherent(
+def most_coherent(
     range_channel: Complex[np.ndarray, "peaks rows channels"], radar: Radar
 ) -> Int64[np.ndarray, "peaks rows"]:
     """[D, R] h from 0 on under which the elements that coincide agree best."""
@@ -118,12 +63,12 @@ def _most_coherent(
     at_places, turn = range_channel[..., order], turns(radar)[order]
     power = np.empty((radar.velocity_intervals, *range_channel.shape[:2]))
     for h in range(len(power)):
-        added = np.add.reduceat(at_places * _phasors(h * turn, at_places), first, axis=-1)
+        added = np.add.reduceat(at_places * phasors(h * turn, at_places), first, axis=-1)
         power[h] = (np.abs(added) ** 2).sum(axis=-1)
     return power.argmax(axis=0)
 
 
-def _phasors(cycles: Float64[np.ndarray, "*any"], like: Complex[np.ndarray, "*other"]) -> Complex[np.ndarray, "*any"]:
+def phasors(cycles: Float64[np.ndarray, "*any"], like: Complex[np.ndarray, "*other"]) -> Complex[np.ndarray, "*any"]:
     """exp(-j 2 pi cycles) in the precision of ``like``."""
     return np.exp(-2j * np.pi * cycles).astype(like.dtype)
 

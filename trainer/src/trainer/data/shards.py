@@ -17,7 +17,7 @@ from torch.utils.data import Sampler
 from shared.dataset import COMPLEX_ARRAYS, LATER
 from shared.dataset.folder import Dataset, open_dataset
 from shared.dataset.locations import Location
-from shared.dataset.reading import open_shard, require_values
+from shared.dataset.reading import open_shard
 from shared.physics.errors import InputError
 
 
@@ -186,7 +186,6 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
             batch = _read_row(self._shard(path), row, [*SCALARS, *self.facts, *self.columns])
         except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
             raise InputError(path, f"damaged: {error}", "a shard as it was written") from error
-        require_values(path, batch)
         return batch
 
     def _shard(self, path: Location) -> pq.ParquetFile:

@@ -28,12 +28,12 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
+from shared.dataset.claims import claimed
 from shared.dataset.documents import read_json, sealed, unsealed
 from shared.dataset.folder import ShardRecord
 from shared.dataset.locations import Location, folder_name
 from shared.dataset.writing import write_bytes, write_json
 from shared.physics.errors import InputError, Told
-from shared.processes.lock import claimed
 from shared.radar import Radar, first_validation_error
 from trainer.data.arrays import ArrayChoice
 from trainer.run.configuration import FitConfig

@@ -22,8 +22,7 @@ from datafactory.run.portions import Engine, PortionWork, Rows, RunFailed
 from datafactory.run.shards import Portion
 from shared.dataset.locations import absolute
 from shared.physics.errors import InputError
-from shared.processes.pool import AHEAD, without_interrupts
-from shared.processes.tasks import Attempts, Finished
+from shared.processes.pool import AHEAD, Attempts, Finished, without_interrupts
 
 ANSWER_S = 5.0
 """Within this something at an address accepts a connection."""
@@ -182,7 +181,7 @@ class RayEngine(Engine):
 
 
 class RayPool:
-    """A :class:`shared.processes.tasks.Pool` of the cluster's processes.
+    """A :class:`shared.processes.pool.Pool` of the cluster's processes.
 
     :param memory: that a process takes [bytes]
     :param workers: portions at work at a time; 0 for as many as the nodes have cores and memory for
