@@ -138,7 +138,9 @@ def test_jobs_with_other_arguments_are_refused(jobs: Path, radar_file: Path, tmp
     assert line.endswith("expected jobs with the same arguments but --shard")
 
 
-def test_damaged_shards_are_named_and_nothing_is_merged(jobs: Path, tmp_path: Path) -> None:
+def test_damaged_shards_are_named_and_merged_when_their_jobs_ran_again(
+    jobs: Path, whole: Path, radar_file: Path, tmp_path: Path
+) -> None:
     content = bytearray((damaged := jobs / "job-0-of-3" / "validation" / "part-00000.parquet").read_bytes())
     content[len(content) // 2] ^= 1
     damaged.write_bytes(content)
@@ -146,6 +148,11 @@ def test_damaged_shards_are_named_and_nothing_is_merged(jobs: Path, tmp_path: Pa
     line = refused(jobs, tmp_path / "merged")
     assert f"{gone}, {damaged}" in line
     assert f"expected {jobs / 'job-0-of-3'} removed and job 0/3 run again" in line
+    for number in (0, 2):
+        shutil.rmtree(jobs / f"job-{number}-of-3")
+        points(jobs, radar_file, "--shard", f"{number}/3")
+    run("merge", jobs, "--out", tmp_path / "merged")
+    require_same(tmp_path / "merged", whole)
 
 
 def test_two_jobs_that_made_a_shard_differently_are_refused(jobs: Path, tmp_path: Path) -> None:
