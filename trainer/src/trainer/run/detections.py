@@ -2,8 +2,9 @@
 
 A target stands in several range bins and Doppler cells: the Hann window's main lobe is four of either wide, and its
 sidelobes begin at -31 dB. A cell above a threshold and the cells of its two neighbouring bins at the same Doppler are a
-group, in which one decision is made on the number of lines. Which of them are targets says
-:mod:`trainer.run.targets_once`.
+group, in which one decision is made on the number of lines. Groups are made about the strongest cell, then about the
+strongest that is no neighbour of it, and so on: what stands in a neighbour is fitted in the stronger cell's group.
+Which lines are targets says :mod:`trainer.run.targets_once`.
 
 The false alarms of a frame are those of first lines in noise, all Doppler cells searched among which the fitted ones
 were chosen; as many are allowed to further lines in the groups that were heard.
@@ -48,8 +49,10 @@ HEARD_SHARE = 0.5
 """Of the threshold of a group: a cell that holds less of its own is no centre. Half-way between bins, and between
 Doppler cells, a target loses 1.4 dB to the Hann window: both together are less than this half."""
 OWN_BINS = 0.75
-"""A line so far from the centre of its group is left to the neighbour. Half a bin and a quarter more, so that noise in
-the offset loses no target between two bins; what both have is listed once."""
+"""A line so far from the centre of its group is left to the neighbour that is a centre too. Half a bin and a quarter
+more, so that noise in the offset loses no target between two bins; what both have is listed once."""
+REACH_BINS = 1.5
+"""Where the neighbour is no centre, half a bin beyond it: a line farther away has its peak outside its group."""
 PLACED_BINS = 0.5
 """A line whose range its cells tell no better, half a bin, is the flank of a sidelobe, at whatever level fits."""
 SAME_ANGLE_CELLS = 0.5
@@ -64,6 +67,8 @@ REPORTED_WITHIN_DB = 3.3
 SIDEBANDS_DB = 45.0
 """Below a line of one chirp an oscillator's phase noise is looked for. That of a TI board as the imperfections have it,
 -84 dBc/Hz within 300 kHz, stands 50 dB and more below in a range bin; it averages over the chirps."""
+MOST_BINS = 1 << 32
+"""More than a range axis has."""
 LEAST_BIN = 1.0
 """Nearer stands what leaks from the TX into the RX, at range zero, of any phase in each channel."""
 
@@ -136,20 +141,20 @@ def find_detections(
     if np.shape(image) != expected or np.shape(velocity) != expected[:2]:
         raise InputError("detections", f"an image {np.shape(image)}, velocities {np.shape(velocity)}", f"{expected}")
     new, waveform, axis = new_peaks(velocity), radar.waveform, radar.grid.u
+    cells = np.rint(np.asarray(velocity, dtype=np.float64) / waveform.velocity_step_mps).astype(np.int64)
     range_m = np.maximum(np.arange(snapshots.shape[1]), 1) * waveform.range_step_m
     straight = np.exp(-1j * array.bend_phase(range_m))
     snapshots, beside = snapshots * straight, None if seen.beside is None else seen.beside * straight
     about, share = (new, 1.0 / waveform.chirps) if centre is None else (new & centre, CELL_FALSE_ALARM)
     first = first_line_probability(sought.false_alarms, radar, array, share)
     least = HEARD_SHARE * line_threshold(array, first) * sought.noise_power
-    peak, row = _heard(snapshots, about, array, least)
+    peak, row = _centres(*_heard(snapshots, about, array, least), cells)
     score = image[peak, row].astype(np.float64)
     if probability is not None:
         score *= np.sqrt(probability[peak, row])
     further = min(sought.false_alarms / max(len(row), 1), FALSE_ALARM)
     test = GroupTest(sought.noise_power, sought.model_error_db, first, further)
     candidates = score_peaks(score, axis, CANDIDATES)
-    cells = np.rint(np.asarray(velocity, dtype=np.float64) / waveform.velocity_step_mps).astype(np.int64)
     found, part = [], []
     for peaks_at, members in _patterns(peak, row, cells, new):
         bins = np.array(list(peaks_at))
@@ -171,8 +176,11 @@ def find_detections(
     group, energy, noise = np.concatenate([np.empty((3, 0)), *part], axis=1)
     group = group.astype(np.intp)
     half_bin = 0.5 * radar.grid.step
-    shown = (u >= axis[0] - half_bin) & (u <= axis[-1] + half_bin) & (np.abs(offset) <= OWN_BINS)
+    shown = (u >= axis[0] - half_bin) & (u <= axis[-1] + half_bin)
     shown &= ~(offset_std > PLACED_BINS) & (row[group] + offset >= LEAST_BIN)
+    centre_places, nearest = _place(cells[peak, row], row), np.rint(row[group] + offset).astype(np.int64)
+    at_a_centre = np.isin(_place(cells[peak, row][group], nearest), centre_places)
+    shown &= np.abs(offset) <= np.where(at_a_centre, OWN_BINS, REACH_BINS)
     lines = Lines(group, energy, row[group] + offset, cells[peak[group], row[group]], u, amplitude_to_db(amplitude))
     near = SAME_ANGLE_CELLS * array.resolution_cell
     kept = lines.once(np.flatnonzero(shown), near, waveform.chirps)
@@ -211,13 +219,37 @@ def with_moving(found: Detections, motion: EgoMotion | None, radar: Radar) -> De
 
 def _heard(
     snapshots: NDArray[np.complexfloating], new: NDArray[np.bool_], array: LineArray, least: float
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """(peaks, rows) of the cells in which an angle takes more than ``least`` [W]."""
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+    """(peaks, rows) of the cells in which an angle takes more than ``least`` [W], and what it takes."""
     peak, row = np.nonzero(new)
     cells = np.asarray(snapshots, dtype=np.complex128)[peak, row]
     most = beside_lines(cells, array, uniform_axis(array, SEARCH_POINTS), np.empty((len(cells), 0)))[0].max(axis=1)
     heard = most > least
-    return peak[heard], row[heard]
+    return peak[heard], row[heard], most[heard]
+
+
+def _centres(
+    peak: NDArray[np.intp], row: NDArray[np.intp], energy: NDArray[np.float64], cells: NDArray[np.int64]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """(peaks, rows) of the cells about which groups are made, in their order.
+
+    The strongest is one; the next strongest is one if it is no neighbour of a stronger one in range; and so on.
+
+    :param cells: [D, R] the Doppler cell of each peak
+    """
+    places, taken = _place(cells[peak, row], row).tolist(), set[int]()
+    kept = []
+    for index in np.argsort(-energy, kind="stable").tolist():
+        if places[index] not in taken:
+            kept.append(index)
+            taken |= {places[index] - 1, places[index] + 1}
+    kept.sort()
+    return peak[kept], row[kept]
+
+
+def _place(cell: NDArray[np.int64], row: NDArray[np.integer]) -> NDArray[np.int64]:
+    """A number for each Doppler cell and range bin; that of the next bin is one more."""
+    return cell * MOST_BINS + row
 
 
 def _patterns(
