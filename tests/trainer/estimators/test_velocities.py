@@ -101,14 +101,3 @@ def test_the_offset_is_where_plain_least_squares_has_it() -> None:
     # Each line is placed by itself, the plain one with the other: apart by less than the bound.
     assert np.abs(found[0] - plain).max() < 0.5 * deviation.min()
     assert np.abs(found[0] - delta).max() < 4.0 * deviation.max()
-
-
-def test_lines_that_are_not_there_have_no_offset() -> None:
-    radar = Radar()
-    array = line_array(radar)
-    nothing = FittedGroups(*(np.full((1, 2), value) for value in (np.nan, 0.0, np.nan, np.nan, np.nan)))
-    place = RangePlace(np.array([20.0]), radar.waveform.range_step_m)
-    cells = np.ones((3, 1, 1, array.channels), complex)
-    found, deviation = velocity_offsets(cells, np.array([0]), array, place, nothing, 1.0)
-    assert np.isnan(found).all()
-    assert np.isnan(deviation).all()

@@ -59,11 +59,6 @@ def test_random_angles_resolve_as_often_as_chance_says() -> None:
     assert np.mean(resolved(found, true)) == pytest.approx(expected, abs=4.0 * np.sqrt(expected / trials))
 
 
-def test_resolved_refuses_other_shapes() -> None:
-    with pytest.raises(InputError, match="shapes"):
-        resolved(np.zeros((3, 2)), np.zeros((3, 3)))
-
-
 def test_perfect_angles_resolve_and_an_empty_image_does_not() -> None:
     true = np.array([[-0.1, 0.1], [0.2, 0.25], [-0.5, -0.4]])
     assert resolved(true, true).all()
@@ -85,6 +80,8 @@ def test_false_alarms_of_delay_and_sum_are_those_of_rice() -> None:
     assert false_alarms(np.zeros((3, 50)), level) == 0
     with pytest.raises(InputError, match="probability"):
         noise_level(array, 2.0, 0.0)
+    with pytest.raises(InputError, match="shapes"):
+        resolved(np.zeros((3, 2)), np.zeros((3, 3)))
 
 
 BINS = len(U)
@@ -141,15 +138,3 @@ def test_point_spread_of_lines_edges_and_nothing() -> None:
     for bad in (np.full(50, -1.0), np.full(50, np.nan), np.ones(3)):
         with pytest.raises(InputError, match="spectrum"):
             point_spread(bad, U[: len(bad)])
-
-
-def test_point_spread_of_white_noise_knows_no_main_lobe() -> None:
-    rows = np.random.default_rng(3).random((200, BINS))
-    spreads = [point_spread(row, U) for row in rows]
-    assert all(spread is not None for spread in spreads)
-    sidelobes = [spread.pslr_db for spread in spreads if spread is not None]
-    # The next largest of 450 numbers is 1 - 2 / 451; the peak between samples is a little higher than its sample.
-    assert -0.3 < np.mean(sidelobes) < 20.0 * np.log10(1.0 - 1.0 / 451)
-    # The main lobe is three bins or so, of mean square 1 and some 1 / 3 for its neighbours; all others have 1 / 3.
-    integrated = np.median([spread.islr_db for spread in spreads if spread is not None])
-    assert integrated == pytest.approx(10.0 * np.log10(447 / 3 / (1 + 2 / 3)), abs=1.0)

@@ -129,13 +129,6 @@ def test_invented_and_missing_targets_are_told_apart() -> None:
     assert missing.left / missing.energy == pytest.approx(3 / 7, abs=0.1)
 
 
-def test_two_peaks_of_one_target_are_one_too_many() -> None:
-    line = ARRAYS["full"]
-    rows = echoes(line, U[[[200]]], np.ones((1, 1), dtype=complex)) + noise(line, 1, 1e-2, np.random.default_rng(0))
-    result = explain(lines_image([[200, 204]]), U, rows, line, 1e-2)
-    assert (result.lines, result.unsupported) == (2, 1)
-
-
 def test_a_target_between_two_bins_is_explained_by_either() -> None:
     line, power = ARRAYS["full"], 1e-4
     u = np.array([[U[200] + 0.45 * RADAR.grid.step, U[300] - 0.3 * RADAR.grid.step]])
@@ -154,14 +147,6 @@ def test_peaks_in_noise_are_supported_as_rarely_as_said() -> None:
     # And one line takes one of 18 dimensions.
     assert result.left / result.energy == pytest.approx(17 / 18, rel=0.01)
     assert result.explained_rows / rows == pytest.approx(0.99, abs=0.01)
-
-
-def test_more_peaks_than_half_the_channels_are_not_tested() -> None:
-    line = ARRAYS["sparse4"]
-    rows, _ = known_rows(line)
-    result = explain(lines_image([list(range(20, 440, 40))] * 4), U, rows, line, 0.0)
-    assert result.lines == 4 * 6
-    assert np.isfinite(result.left)
 
 
 @pytest.mark.parametrize("factor", [1e-20, 1e20])
