@@ -67,9 +67,3 @@ def test_a_changed_capture_is_one_line(tmp_path: Path, changed: dict[str, object
     np.savez(tmp_path / "cube.npz", **(content | {"capture": np.asarray(json.dumps(document))}))
     with pytest.raises(InputError, match=message):
         read_cube(tmp_path / "cube.npz", None)
-
-
-def test_a_cube_that_does_not_fit_is_not_written(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="expected"):
-        write_cube(tmp_path / "cube.npz", frames(1), RADAR, CAPTURE)
-    assert not list(tmp_path.iterdir())

@@ -5,7 +5,6 @@ import pytest
 from paper_arrays import FAR
 from small_evaluation import FULL, RADAR
 
-from shared.physics.errors import InputError
 from shared.radar import load_radar
 from shared.signal import if_signal
 from shared.signal.spectrum import range_doppler
@@ -91,9 +90,3 @@ def test_the_same_seed_draws_the_same_trials() -> None:
     np.testing.assert_array_equal(one.snapshots, again.snapshots)
     np.testing.assert_array_equal(one.phase_rad, again.phase_rad)
     assert not np.array_equal(one.u, other.u)
-
-
-@pytest.mark.parametrize("condition", [(-1.0, 10.0), (np.nan, 10.0), (1.0, 10.0, -3.0)])
-def test_impossible_pairs_are_refused(condition: tuple[float, ...]) -> None:
-    with pytest.raises(InputError, match="pair"):
-        Condition(*condition)

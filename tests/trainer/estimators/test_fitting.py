@@ -278,7 +278,6 @@ def test_peaks_of_a_score_are_interpolated_and_come_largest_first() -> None:
         ({"candidates": np.zeros((3, 1))}, r"candidates: shape \(3, 1\)"),
         ({"candidates": np.full((2, 1), np.inf)}, "candidates"),
         ({"model_error_db": np.nan}, "model_error_db"),
-        ({"false_alarm": 0.0}, "false_alarm"),
     ],
 )
 def test_bad_arguments_are_refused(changes: dict, text: str) -> None:

@@ -329,11 +329,8 @@ def test_fewer_thresholds_hardly_move_the_intervals() -> None:
     [
         (lambda: truth_cells(np.zeros(4), 0.0, 6, STEP), "truth"),
         (lambda: truth_cells(np.full((3, 3), np.nan), 0.0, 6, STEP), "truth"),
-        (lambda: truth_cells(np.zeros((3, 3)), -1.0, 6, STEP), "truth cells"),
-        (lambda: truth_cells(np.zeros((3, 3)), 0.0, 0, STEP), "truth cells"),
         (lambda: scores(np.zeros((3, 3)), np.zeros((3, 4))), "images"),
         (lambda: scores(np.zeros((3, 3)), np.zeros((3, 3)), np.full((3, 3), np.inf)), "score"),
-        (lambda: pooled([]), "ranking"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_scored_is_refused(call, source: str) -> None:

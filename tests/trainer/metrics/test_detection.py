@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from paper_arrays import lines_image
 from scipy.signal import find_peaks
 
-from shared.physics.errors import InputError
 from trainer.metrics.detection import (
     PROMINENCES,
     TRUTH_PROMINENCE,
@@ -143,12 +142,3 @@ def test_matching_is_the_best_of_all_assignments(detected: list[int], true: list
     assert len(pairs) == best[0]
     assert -sum(abs(first[i] - second[j]) for i, j in pairs) == pytest.approx(best[1])
     assert len(np.unique(pairs[:, 0])) == len(np.unique(pairs[:, 1])) == len(pairs)
-
-
-def test_images_of_other_shapes_are_refused() -> None:
-    whole, part = find_image_peaks(TRUTH), find_image_peaks(TRUTH[:2])
-    for call in (lambda: paper_sweep(whole, part, PROMINENCES, 2), lambda: strict_counts(whole, part, 2)):
-        with pytest.raises(InputError, match="images"):
-            call()
-    with pytest.raises(InputError, match="image"):
-        find_image_peaks(TRUTH[0])

@@ -10,7 +10,6 @@ import pytest
 from numpy.typing import NDArray
 from paper_arrays import ARRAYS, RADAR, U, deterministic_bound, echoes, half_wavelength_line, noise
 
-from shared.physics.errors import InputError
 from shared.signal.windows import angle_window
 from shared.signal.windows import point_spread as window_point_spread
 from trainer.estimators.base import ESTIMATORS, LineArray
@@ -44,9 +43,6 @@ def test_the_bound_of_one_source_is_the_general_one_and_that_of_a_filled_line() 
     full = ARRAYS["full"]
     expected = full.resolution_cell / (2.0 * np.pi) * np.sqrt(6.0 / (48 * 100.0))
     assert np.sqrt(single_source_bound(full, 100.0)) == pytest.approx(expected, rel=1e-3)
-    for array, snr in ((full, 0.0), (LineArray(np.zeros(3), 1.0), 1.0)):
-        with pytest.raises(InputError, match="both positive"):
-            single_source_bound(array, snr)
 
 
 def test_random_angles_resolve_as_often_as_chance_says() -> None:
@@ -78,10 +74,6 @@ def test_false_alarms_of_delay_and_sum_are_those_of_rice() -> None:
     expected = np.sqrt(-np.log(probability)) * beta * 1.7 / np.sqrt(np.pi) * probability
     assert false_alarms(image, level) / rows == pytest.approx(expected, rel=0.15)
     assert false_alarms(np.zeros((3, 50)), level) == 0
-    with pytest.raises(InputError, match="probability"):
-        noise_level(array, 2.0, 0.0)
-    with pytest.raises(InputError, match="shapes"):
-        resolved(np.zeros((3, 2)), np.zeros((3, 3)))
 
 
 BINS = len(U)
@@ -135,6 +127,3 @@ def test_point_spread_of_lines_edges_and_nothing() -> None:
     assert edge is not None
     assert edge.width == np.inf
     assert point_spread(np.zeros(50), U[:50]) is None
-    for bad in (np.full(50, -1.0), np.full(50, np.nan), np.ones(3)):
-        with pytest.raises(InputError, match="spectrum"):
-            point_spread(bad, U[: len(bad)])

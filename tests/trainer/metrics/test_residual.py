@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from paper_arrays import ARRAYS, RADAR, U, echoes, lines_image, noise
 from scipy.signal import find_peaks
 
-from shared.physics.errors import InputError
 from trainer.estimators.base import ESTIMATORS, LineArray
 from trainer.estimators.lines import refine_lines
 from trainer.metrics.residual import (
@@ -164,10 +163,3 @@ def test_lines_include_the_ends_of_a_row_and_rows_do_not_know_each_other() -> No
     image[0, [0, 7, 19]] = [0.5, 1.0, 0.05]
     image[2, [0, 19]] = [1.0, 0.5]
     assert [bins.tolist() for bins in image_lines(image)] == [[7, 0], [], [0, 19]]
-
-
-def test_residual_refuses_what_does_not_fit() -> None:
-    with pytest.raises(InputError, match="residual"):
-        explain(np.zeros((3, BINS)), U, np.zeros((4, 12), complex), ARRAYS["sparse4"], 1.0)
-    with pytest.raises(InputError, match="noise_power"):
-        explain(np.zeros((4, BINS)), U, np.zeros((4, 12), complex), ARRAYS["sparse4"], -1.0)

@@ -218,12 +218,6 @@ def test_probability_orders_candidates_and_is_read_beside_the_line() -> None:
     assert found.probability[0] > line_probability(found.snr_db[:1], np.array([0.1]))[0]
 
 
-def test_shapes_that_do_not_fit_are_refused() -> None:
-    cells = Cells(np.zeros((1, 6, 18), np.complex64), np.zeros((1, 6), np.float32))
-    with pytest.raises(InputError, match="detections"):
-        find_detections(np.zeros((1, 5, 450)), None, cells, RADAR, ARRAY, Sought(NOISE))
-
-
 SOME = Detections(
     np.array([10.0, 20.0]), np.array([0.6, -0.8]), np.array([1.5, 0.0]), np.array([-100.0, -120.5]),
     np.array([1e-4, 2e-3]), np.array([0.75, 0.5]), np.array([1e-3, 0.04]), np.array([0.05, 0.05]),

@@ -81,10 +81,7 @@ def write_cube(path: Path, cube: NDArray[np.complexfloating], radar: Radar, capt
     """Write ``path`` in one step; the same content makes the same bytes.
 
     :param cube: [frame, chirp, sample, C]; of one frame that axis is left out in the file
-    :raises ValueError: a cube that does not fit radar or capture
     """
-    if cube.shape != (capture.frames, *frame_shape(radar)):
-        raise ValueError(f"cube of shape {cube.shape}; expected {(capture.frames, *frame_shape(radar))}")
     stored = cube.astype(np.complex64, copy=False)
     text = json.dumps(sealed(capture.model_dump(mode="json")), sort_keys=True)
     with atomic(path) as partial, partial.open("wb") as handle:

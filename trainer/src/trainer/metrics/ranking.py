@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shared.physics.errors import InputError
 from trainer.metrics.bootstrap import UNDEFINED, Interval, bootstrap_frames
 from trainer.metrics.cells import CellScores
 
@@ -110,12 +109,7 @@ class Ranking:
 
 
 def pooled(frames: Sequence[CellScores]) -> Ranking:
-    """The frames in one ranking.
-
-    :raises InputError: no frames
-    """
-    if not frames:
-        raise InputError("ranking", "no frames", "the scores of one or more")
+    """The frames, one or more, in one ranking."""
     score = np.concatenate([part for one in frames for part in (one.matched, one.false_alarms)])
     sizes = np.array([(len(one.matched), len(one.false_alarms)) for one in frames])
     frame = np.repeat(np.arange(len(frames)), sizes.sum(axis=1))
@@ -132,13 +126,9 @@ def average_precision(ranking: Ranking, less: Ranking | None = None, seed: int =
 
     The frames are drawn again for both together, so that what a hard frame costs both is not counted as a difference:
     the interval of a difference is as a rule much narrower than those of the two numbers.
-
-    :raises InputError: rankings of other frames
     """
     if less is None:
         return ranking.intervals((), seed)[0]
-    if not np.array_equal(ranking.truths, less.truths):
-        raise InputError("ranking", "two of other frames", "two of the same frames")
     if not ranking.defined:
         return UNDEFINED
     of_ranking, of_less = ranking._of_draws(()), less._of_draws(())
