@@ -15,7 +15,6 @@ from tiny_radar import small_dataset
 from tiny_run import make_run
 from typer.testing import CliRunner
 
-from shared.physics.errors import InputError
 from shared.signal import if_signal
 from shared.signal.windows import cell_noise_power, hann
 from trainer.cli.app import app
@@ -279,20 +278,6 @@ def test_other_tools_get_files_from_the_command_line(tmp_path, form: str, files:
     result = CliRunner().invoke(app, [*command, "--points", "--points-format", form])
     assert result.exit_code == 0, result.output
     assert sorted(path.name for path in (tmp_path / "out").iterdir() if path.name != "images.parquet") == files
-
-
-@pytest.mark.parametrize(
-    "options", [["--false-alarms", "0"], ["--false-alarms", "nan"], ["--cells", "some"], ["--cells", "all"]]
-)
-def test_options_that_do_not_fit_are_refused_in_one_line(tmp_path, options: list[str]) -> None:
-    """The last one because the dataset holds no cubes."""
-    data = small_dataset(tmp_path / "data", training=2)
-    command = ["predict", str(data), "--method", "das", "--out", str(tmp_path / "out"), "--no-pictures", "--points"]
-    result = CliRunner().invoke(app, [*command, *options])
-    assert isinstance(result.exception, InputError)
-    assert options[0] in str(result.exception)
-    result = CliRunner().invoke(app, [*command[:-1], *options[:1], {"--cells": "all"}.get(options[0], "2")])
-    assert "--points" in str(result.exception)
 
 
 def test_all_cells_of_a_cube_list_what_the_three_peaks_leave_out(tmp_path) -> None:

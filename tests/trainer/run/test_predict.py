@@ -219,13 +219,6 @@ def test_every_frame_is_a_picture_in_its_order(tmp_path):
     assert sorted(path.name for path in out.iterdir()) == ["again.gif", "animation.gif", "images.parquet"]
 
 
-def test_it_needs_the_list_of_targets(tmp_path):
-    out = predicted(tmp_path)
-    with pytest.raises(InputError, match=r"images.parquet: no detections; expected a file of trainer predict --points"):
-        save_animation(out / "images.parquet", out / "animation.gif")
-    assert not (out / "animation.gif").exists()
-
-
 WAVEFORM = RADAR.waveform.model_copy(update={"chirps": 128, "bandwidth_hz": 5e7})
 STREET = RADAR.model_copy(update={"waveform": WAVEFORM})
 """Doppler cells of 0.19 m/s, range bins of 3 m."""
