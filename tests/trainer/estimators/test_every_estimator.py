@@ -125,7 +125,7 @@ def test_bad_snapshots_are_refused_in_one_line(rows: NDArray, noise_power: Noise
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: MaximumLikelihood(0), lambda: LineArray(np.empty(0), 1.0),
+        lambda: LineArray(np.empty(0), 1.0),
         lambda: LineArray(np.array([np.nan]), 1.0), lambda: LineArray(np.zeros(2), 0.0),
         lambda: check_snapshots(np.zeros((1, 2), complex), IRREGULAR),
         lambda: MaximumLikelihood(6).locate(np.ones((1, 6), complex), IRREGULAR),

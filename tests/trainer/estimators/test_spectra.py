@@ -56,7 +56,7 @@ def slow_covariance_methods(
 def test_covariance_methods_follow_their_papers(method: str) -> None:
     array, u = ARRAYS["sparse4"], U[::9]
     rows = some_rows(array, rows=2)
-    estimator = IterativeAdaptive(4) if method == "iaa" else SparseCovariance(reweighted=method == "likes")
+    estimator = IterativeAdaptive() if method == "iaa" else SparseCovariance(reweighted=method == "likes")
     estimator.iterations = 4
     image = estimator.image(rows, array, u, 1e-3)
     scan, shown = scan_axis(array, u)

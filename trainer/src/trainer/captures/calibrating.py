@@ -113,7 +113,6 @@ def calibrate(
     if out.suffix != ".toml" or not out.parent.is_dir():
         raise InputError("--out", f"{out}", "a .toml in a folder that is there")
     captures = [_average(read_capture(place.source, reading)) for place in places]
-    checked = None if check is None else _average(read_capture(check.source, reading))
     for capture, place in zip(captures, places, strict=True):
         if capture.radar != captures[0].radar:
             raise InputError(place.source, "other chirps than the first capture", "the same")
@@ -122,20 +121,19 @@ def calibrate(
         f"{place.source}: leaves {residual(capture, place, calibration).stated_db:.1f} dB (it was fitted to it)"
         for capture, place in zip(captures, places, strict=True)
     ]
-    errors: list[float] = []
-    if checked is not None and check is not None:
-        left = residual(checked, check, calibration)
-        errors, told = [left.best_db], _told(check, left)
-        lines += told
+    tried: list[tuple[RawCapture, Place, Calibration]] = []
+    if check is not None:
+        tried.append((read_capture(check.source, reading), check, calibration))
     elif len(places) > 1:
         for index, place in enumerate(places):
             others = [i for i in range(len(places)) if i != index]
             fitted = _fit([captures[i] for i in others], [places[i] for i in others], reading.board)
-            left = residual(captures[index], place, fitted)
-            errors.append(left.best_db)
-            lines += _told(place, left)
-    if errors:
-        mean = float(power_to_db(np.mean(10.0 ** (np.array(errors) / 10.0))))
+            tried.append((captures[index], place, fitted))
+    if tried:
+        left = [residual(*one) for one in tried]
+        for (_, place, _), one in zip(tried, left, strict=True):
+            lines += _told(place, one)
+        mean = float(power_to_db(np.mean(10.0 ** (np.array([one.best_db for one in left]) / 10.0))))
         calibration = calibration.model_copy(update={"model_error_db": mean})
     else:
         lines.append("what another reflector leaves is not known: --check CAPTURE --check-range R --check-angle A")

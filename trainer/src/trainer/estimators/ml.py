@@ -52,15 +52,12 @@ class MaximumLikelihood:
     with amplitudes a thousand times the noise that cancel. The angles stay those of the likelihood; the amplitudes are
     bounded, see :func:`trainer.estimators.lines.bounded_amplitudes`: lines too close to be told apart share their sum.
 
-    :param targets: K, in every range bin
-    :raises InputError: less than one target
+    :param targets: K, in every range bin, 1 or more
     """
 
     name = "ml"
 
     def __init__(self, targets: int = 2) -> None:
-        if targets < 1:
-            raise InputError("ml", f"targets = {targets!r}", "a whole number of at least 1")
         self.targets = targets
 
     def image(
