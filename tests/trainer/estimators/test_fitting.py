@@ -276,7 +276,6 @@ def test_peaks_of_a_score_are_interpolated_and_come_largest_first() -> None:
         ({"snapshots": np.zeros((2, 11))}, "snapshots"),
         ({"noise_power": -1.0}, "noise_power"),
         ({"candidates": np.zeros((3, 1))}, r"candidates: shape \(3, 1\)"),
-        ({"candidates": np.full((2, 1), np.inf)}, "candidates"),
         ({"model_error_db": np.nan}, "model_error_db"),
     ],
 )

@@ -72,8 +72,6 @@ def fit_lines(
     check_snapshots(snapshots, array)
     if np.ndim(candidates) != 2 or len(candidates) != len(snapshots):
         raise InputError("candidates", f"shape {np.shape(candidates)}", f"[{len(snapshots)} range bins, any number]")
-    if np.isinf(candidates).any():
-        raise InputError("candidates", "infinite angles", "finite angles, NaN for none")
     # Groups of one bin, so far away that waves are flat and no echo walks from bin to bin.
     far = RangePlace(np.full(len(snapshots), np.inf), np.inf)
     test = GroupTest(noise_power, model_error_db, FALSE_ALARM, FALSE_ALARM)
