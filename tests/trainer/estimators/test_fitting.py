@@ -76,17 +76,6 @@ def test_a_faint_lone_target_stands_where_maximum_likelihood_has_it_wherever_the
     assert (counts(found) == 1).mean() > 0.995
 
 
-def test_a_pair_is_placed_at_the_bound_and_says_so() -> None:
-    array = ARRAYS["sparse6"]
-    rows, u, power = groups("sparse6", [-0.5, 0.5], 30.0, 400, 3)
-    found = fitted(rows, array, power, model_error_db=-np.inf)
-    assert (counts(found) == 2).mean() > 0.99
-    order = np.argsort(found.u[:, :2], axis=1)
-    errors = np.take_along_axis(found.u, order, axis=1) - u
-    stated = np.take_along_axis(found.u_std, order, axis=1)
-    assert np.sqrt(np.mean((errors / stated) ** 2)) == pytest.approx(1.0, abs=0.1)
-
-
 def test_the_stated_deviation_is_the_bound_of_the_metrics() -> None:
     array = ARRAYS["sparse4"]
     u, strength = np.array([[0.1, 0.13, -0.4]]), np.array([[1.0, 0.5j, -0.3]])

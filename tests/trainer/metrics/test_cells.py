@@ -182,10 +182,10 @@ def test_the_truth_scores_one_and_an_empty_image_nothing() -> None:
     ceiling = pooled([scores(truth, truth, noise_power=0.1) for truth in frames])
     assert ceiling.truths.min() > 100
     assert ceiling.average_precision() == 1.0
-    assert ceiling.detection_probability(0.0) == 1.0
+    assert ceiling.values((0.0,))[1] == 1.0
     empty = pooled([scores(truth, np.zeros_like(truth), noise_power=0.1) for truth in frames])
     assert empty.average_precision() == 0.0
-    assert empty.detection_probability(100.0) == 0.0
+    assert empty.values((100.0,))[1] == 0.0
     assert [curve.tolist() for curve in empty.curve()] == [[], []]
     # Neither depends on the unit of the images.
     tiny = [scores(1e-9 * truth, 1e-9 * truth, noise_power=1e-19) for truth in frames]
@@ -212,7 +212,7 @@ def test_noise_alone_has_the_expected_number_of_false_alarms() -> None:
     assert np.sum(alarms > level) == pytest.approx(above, abs=4 * np.sqrt(above))
     ranking = pooled(found)
     assert not ranking.defined
-    assert np.isnan([ranking.average_precision(), ranking.detection_probability(10.0)]).all()
+    assert np.isnan(ranking.values((10.0,))).all()
     assert np.isnan([one.value for one in ranking.intervals((1, 10))]).all()
     # Beside a frame with truth they cost precision.
     truth = far(dots((9, 30), (4, 7, 1.0)))
@@ -251,14 +251,14 @@ def test_average_precision_by_hand() -> None:
     # Matched at 5, 3 and 1, false at 4 and 3: precision 1/1, then 2/4 at the shared score, then 3/5; one cell missed.
     ranking = pooled([CellScores(np.array([5.0, 3.0, 1.0]), np.array([4.0, 3.0]), 4)])
     assert ranking.average_precision() == pytest.approx((1.0 + 2 / 4 + 3 / 5) / 4)
-    assert [ranking.detection_probability(most) for most in (0, 1, 1.9, 2, 100)] == [0.25, 0.25, 0.25, 0.75, 0.75]
+    assert ranking.values((0, 1, 1.9, 2, 100))[1:].tolist() == [0.25, 0.25, 0.25, 0.75, 0.75]
     false, detected = ranking.curve()
     assert false.tolist() == [0.0, 1.0, 2.0, 2.0]
     assert detected.tolist() == [0.25, 0.25, 0.5, 0.75]
     # Two such frames have the same precision, and the number of false alarms is that of one.
     twice = pooled([CellScores(np.array([5.0, 3.0, 1.0]), np.array([4.0, 3.0]), 4)] * 2)
     assert twice.average_precision() == pytest.approx(ranking.average_precision())
-    assert twice.detection_probability(1) == 0.25
+    assert twice.values((1,))[1] == 0.25
 
 
 def some_frames(count: int, seed: int, detections: int = 30) -> list[CellScores]:
@@ -286,7 +286,7 @@ def test_average_precision_is_the_area_under_the_steps(seed: int) -> None:
             for threshold in {score for score, _ in outcomes}
             if sum(not hit for score, hit in outcomes if score >= threshold) <= most * len(frames)
         ]
-        assert ranking.detection_probability(most) == pytest.approx(max(allowed, default=0.0))
+        assert ranking.values((most,))[1] == pytest.approx(max(allowed, default=0.0))
 
 
 def test_intervals_are_those_of_frames_drawn_again() -> None:
@@ -295,7 +295,7 @@ def test_intervals_are_those_of_frames_drawn_again() -> None:
     assert found == pooled(frames).intervals((1, 10), seed=1)
     generator = np.random.default_rng(2)
     draws: list[Ranking] = [pooled([frames[index] for index in generator.integers(40, size=40)]) for _ in range(600)]
-    values = np.array([(one.average_precision(), *map(one.detection_probability, (1, 10))) for one in draws])
+    values = np.array([one.values((1, 10)) for one in draws])
     for interval, of_draws in zip(found, values.T, strict=True):
         low, high = np.percentile(of_draws, [2.5, 97.5])
         width = high - low

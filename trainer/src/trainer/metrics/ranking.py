@@ -45,12 +45,15 @@ class Ranking:
 
         The precision is M / (M + F) of the M matched detections and F false alarms of at least that score.
         """
-        return float(self._values(())[0])
+        return float(self.values(())[0])
 
-    def detection_probability(self, false_alarms: float) -> float:
-        """Share of the truth cells that is detected at the lowest threshold of at most ``false_alarms`` a frame; NaN
-        without truth cells."""
-        return float(self._values((false_alarms,))[1])
+    def values(self, false_alarms: Sequence[float]) -> NDArray[np.float64]:
+        """[1 + false_alarms] the average precision, then for each number of false alarms a frame the share of the truth
+        cells that is detected at the lowest threshold of at most as many; NaN without truth cells."""
+        if not self.defined:
+            return np.full(1 + len(false_alarms), np.nan)
+        matched, false = self._counts()
+        return _scores(matched[None], false[None], self.truths.sum()[None], len(self.truths), false_alarms)[:, 0]
 
     def curve(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """([g] false alarms a frame, [g] detection probability) at each score, falling; empty without truth cells."""
@@ -60,9 +63,8 @@ class Ranking:
         return false / len(self.truths), matched / self.truths.sum()
 
     def intervals(self, false_alarms: Sequence[float], seed: int = 0) -> list[Interval]:
-        """Average precision, then the detection probability at each number of false alarms a frame, with their
-        intervals over the frames; NaN without truth cells."""
-        values = self._values(false_alarms)
+        """:meth:`values` with their intervals over the frames."""
+        values = self.values(false_alarms)
         frames = len(self.truths)
         if not self.defined:
             return [UNDEFINED for _ in values]
@@ -81,12 +83,6 @@ class Ranking:
             return _scores(drawn @ matched, drawn @ false, drawn @ self.truths, len(self.truths), false_alarms)
 
         return values
-
-    def _values(self, false_alarms: Sequence[float]) -> NDArray[np.float64]:
-        if not self.defined:
-            return np.full(1 + len(false_alarms), np.nan)
-        matched, false = self._counts()
-        return _scores(matched[None], false[None], self.truths.sum()[None], len(self.truths), false_alarms)[:, 0]
 
     def _counts(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """([g] matched detections, [g] false alarms) down to each score."""
