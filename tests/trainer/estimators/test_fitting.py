@@ -16,7 +16,7 @@ from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.fitting import FittedLines, fit_lines, line_threshold, score_peaks
 from trainer.estimators.lines import bounded_energy_left, line_energy_left
 from trainer.estimators.ml import MaximumLikelihood
-from trainer.estimators.moves import refit
+from trainer.estimators.moves import NEAR_CELLS, pairs_elsewhere, refit
 from trainer.metrics.peaks import resolved, single_source_bound
 
 RL = ARRAYS["full"].resolution_cell
@@ -257,6 +257,21 @@ def test_peaks_of_a_score_are_interpolated_and_come_largest_first() -> None:
     np.testing.assert_allclose(found[1], [1.0, -1.0, np.nan])
     assert np.isnan(found[2]).all()
     assert score_peaks(score, axis, 30).shape == (3, 30)
+
+
+def test_pairs_are_those_that_explain_most_beside_others_and_away_from_the_avoided() -> None:
+    array = ARRAYS["sparse6"]
+    axis, near = uniform_axis(array, 4), NEAR_CELLS * array.resolution_cell
+    none, pair = np.empty((1, 0)), np.array([[0.1, 0.5]])
+    two = echoes(array, pair, np.array([[1.0, 1.0j]]))
+    best, second = pairs_elsewhere(two, array, axis, none, none, 2)[0]
+    np.testing.assert_allclose(best, pair[0], atol=0.5 * RL)
+    assert np.abs(second - best).max() >= near
+    elsewhere = pairs_elsewhere(two, array, axis, none, best[None], 1)[0, 0]
+    assert np.abs(elsewhere - best).max() >= near
+    four = echoes(array, np.array([[0.1, 0.4, -0.2, 0.7]]), np.array([[1.0, 1.0, 1.0, 0.5]], dtype=complex))
+    beside = pairs_elsewhere(four, array, axis, np.array([[0.4, -0.2]]), none, 1)
+    np.testing.assert_allclose(beside[0, 0], [0.4, -0.2, 0.1, 0.7], atol=0.5 * RL)
 
 
 @pytest.mark.parametrize(

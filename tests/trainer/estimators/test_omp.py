@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from paper_arrays import ARRAYS, U, echoes, noise, some_rows
 
-from trainer.estimators.omp import FALSE_ALARM, OrthogonalMatchingPursuit
+from trainer.estimators.array import uniform_axis
+from trainer.estimators.omp import FALSE_ALARM, OrthogonalMatchingPursuit, largest_share_of_noise
 
 
 def test_omp_finds_separate_targets_exactly() -> None:
@@ -46,3 +47,14 @@ def test_the_cfar_rule_needs_no_noise_power() -> None:
     np.testing.assert_array_equal(images[0], images[1])
     np.testing.assert_array_equal(images[0], images[2])
     assert images[0].any()
+
+
+def test_largest_share_of_noise_is_reached_as_often_as_said() -> None:
+    array = ARRAYS["sparse4"]
+    rows = 20_000
+    x = noise(array, rows, 1.0, np.random.default_rng(2))
+    axis = uniform_axis(array, 12)
+    best = np.abs(x @ array.manifold(axis).conj()).max(axis=1) ** 2 / array.channels
+    share = np.mean(best / np.sum(np.abs(x) ** 2, axis=1) > largest_share_of_noise(array, array.channels))
+    assert abs(share - FALSE_ALARM) < 4.0 * np.sqrt(FALSE_ALARM / rows)
+    assert largest_share_of_noise(array, 1) == 1.0
