@@ -132,6 +132,15 @@ def test_a_shoulder_is_no_maximum_and_a_plateau_is_one() -> None:
 # Matching and false alarms by hand
 
 
+def test_one_cell_serves_one_detection_and_the_other_counts_neither_way_unless_it_is_too_strong() -> None:
+    truth = far(dots((5, 15), (2, 7, 1.0)))
+    for weaker in (2.0, 3.1):  # within 10 dB of the truth around it
+        found = scores(truth, far(dots((5, 15), (2, 6, weaker), (2, 8, 3.15))))
+        assert (found.matched.tolist(), found.false_alarms.tolist()) == ([3.15], [])
+    found = scores(truth, far(dots((5, 15), (2, 6, 3.2), (2, 8, 4.0))))
+    assert (found.matched.tolist(), found.false_alarms.tolist()) == ([4.0], [3.2])
+
+
 def test_a_false_alarm_is_judged_by_level_ranked_by_score_and_beyond_five_metres() -> None:
     truth = far(dots((9, 30), (4, 7, 1.0)))
     level = far(dots((9, 30), (4, 7, 1.0), (4, 20, 1e-9)))

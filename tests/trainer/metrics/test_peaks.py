@@ -115,6 +115,12 @@ def test_integrated_sidelobes_of_a_filled_line() -> None:
     assert spread.islr_db == pytest.approx(10.0 * np.log10(0.0972 / 0.9028), abs=0.1)
 
 
+def test_a_main_lobe_reaches_to_the_minima_on_both_sides() -> None:
+    spread = point_spread(np.array([0.4, 0.2, 1.0, 0.6, 0.3, 0.5]), np.arange(6.0))
+    assert spread is not None
+    assert spread.islr_db == pytest.approx(10.0 * np.log10((0.16 + 0.25) / (0.04 + 1.0 + 0.36 + 0.09)))
+
+
 def test_point_spread_of_lines_edges_and_nothing() -> None:
     line = np.zeros(50)
     line[20] = 3e-20
