@@ -37,13 +37,6 @@ def test_spacing_period_and_cell_of_the_paper_arrays() -> None:
     assert [array.channels for array in ARRAYS.values()] == [48, 18, 12]
 
 
-def test_a_period_is_where_the_manifold_repeats() -> None:
-    for array in ARRAYS.values():
-        overlap = np.vdot(array.manifold(0.1), array.manifold(0.1 + 2.0 * array.half_period))
-        assert abs(overlap) == pytest.approx(array.channels)
-        assert abs(np.vdot(array.manifold(0.1), array.manifold(0.1 + array.half_period))) < 0.9 * array.channels
-
-
 def test_elements_off_every_grid_have_no_period() -> None:
     assert IRREGULAR.spacing_m is None
     assert IRREGULAR.half_period == 1.0

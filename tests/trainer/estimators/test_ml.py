@@ -9,7 +9,6 @@ from paper_arrays import ARRAYS, echoes, noise, some_rows
 from trainer.estimators.array import LineArray
 from trainer.estimators.lines import SEPARABLE, bounded_amplitudes, line_amplitudes, refine_lines
 from trainer.estimators.ml import MaximumLikelihood
-from trainer.estimators.moves import best_refit, raced
 
 
 def test_maximum_likelihood_is_exact_without_noise() -> None:
@@ -114,13 +113,3 @@ def test_many_lines_of_few_elements_are_found_or_shared(positions: list[float]) 
     assert np.isfinite(found).all()
     assert np.isfinite(amplitude).all()
     assert MaximumLikelihood(3).locate(np.ones((0, 4), dtype=complex), array)[0].shape == (0, 3)
-
-
-def test_a_race_keeps_the_best_of_all_trials() -> None:
-    array = ARRAYS["sparse6"]
-    x = some_rows(array, rows=10, targets=2)
-    trials = np.random.default_rng(2).uniform(-0.9, 0.9, (10, 12, 2))
-    lines, left = raced(x, trials, array, ((40, 3),))
-    assert lines.shape == (10, 3, 2)
-    assert (np.diff(left, axis=1) >= 0.0).all()
-    np.testing.assert_allclose(best_refit(x, trials, array, 40)[1], left[:, 0])

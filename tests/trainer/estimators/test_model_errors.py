@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from measured_rows import MODEL_ERROR_DB, NEAR_CELLS, ROWS, THERMAL, estimator_of, fit_counts, measured_rows, wrong_rows
+from measured_rows import MODEL_ERROR_DB, NEAR_CELLS, ROWS, THERMAL, estimator_of, measured_rows, wrong_rows
 from paper_arrays import ARRAYS, U, noise
 
-from shared.signal.model_error import NO_MODEL_ERROR_DB, row_noise
+from shared.signal.model_error import row_noise
 from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.fitting import fit_lines
 
@@ -46,15 +46,6 @@ def test_the_line_fit_finds_as_many_from_nothing(array: str, targets: int) -> No
     assert (np.count_nonzero(found.amplitude, axis=1) == targets).all()
     near = NEAR_CELLS * ARRAYS[array].resolution_cell
     assert np.abs(np.sort(found.u[:, :targets], axis=1) - u).max() < near
-
-
-def test_told_the_thermal_noise_alone_likes_splits_and_the_fit_adds_lines() -> None:
-    """Why there is a floor."""
-    array = ARRAYS["sparse4"]
-    rows, u = measured_rows(array, 2)
-    alone = row_noise(rows, THERMAL, NO_MODEL_ERROR_DB)
-    assert wrong_rows(ESTIMATORS["likes"]().image(rows, array, U, alone), u, array) >= 5
-    assert (fit_counts(rows, array, NO_MODEL_ERROR_DB) > 2).mean() > 0.9
 
 
 def test_the_second_echo_does_not_hide_the_first_where_the_noise_is_known() -> None:

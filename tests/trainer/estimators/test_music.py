@@ -7,7 +7,7 @@ import pytest
 from paper_arrays import ARRAYS, U, echoes, half_wavelength_line, noise, some_rows
 
 from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS, LineArray
-from trainer.estimators.music import aic_count, forward_backward, pseudo_spectrum
+from trainer.estimators.music import aic_count, pseudo_spectrum
 from trainer.metrics.peaks import strongest_peaks
 
 
@@ -43,17 +43,6 @@ def test_smoothing_resolves_what_one_snapshot_alone_does_not() -> None:
     snapshot = echoes(array, true, np.ones((1, 2), dtype=complex)) + noise(array, 1, 1e-3, np.random.default_rng(1))
     smoothed = UNIFORM_ESTIMATORS["music-fbss"]().image(snapshot, array, U, 1e-3)
     np.testing.assert_allclose(strongest_peaks(smoothed, U, 2), true, atol=0.3 * array.resolution_cell)
-
-
-def test_smoothed_data_are_those_of_a_subarray() -> None:
-    array = LineArray(0.5 * np.arange(8.0), 1.0)
-    x = echoes(array, np.array([[0.3]]), np.array([[1.0 + 0.5j]]))
-    data = forward_backward(x, 5)
-    assert data.shape == (1, 5, 8)
-    # One target is one direction, whatever is shifted and mirrored.
-    assert np.linalg.matrix_rank(data[0], tol=1e-9) == 1
-    steering = LineArray(0.5 * np.arange(5.0), 1.0).manifold(np.array([0.3]))
-    assert pseudo_spectrum(data, steering, 1)[0, 0] > 1e6
 
 
 def test_music_reaches_its_asymptotic_covariance() -> None:

@@ -14,7 +14,7 @@ from trainer.captures.cube_file import CubeFile
 from trainer.data.measurements import of_cube
 from trainer.data.simulation import amplitude_of, in_plane
 from trainer.estimators.base import ESTIMATORS, line_array
-from trainer.estimators.fitting import FittedGroups, RangePlace, hann_correlation, hann_response
+from trainer.estimators.fitting import FittedLines, RangePlace, hann_correlation, hann_response
 from trainer.estimators.velocities import velocity_offsets
 from trainer.run.detections import Detections, Sought, find_detections
 
@@ -96,19 +96,8 @@ def test_the_offset_is_where_plain_least_squares_has_it() -> None:
         return float(np.sum(np.abs(x - columns @ np.linalg.lstsq(columns, x, rcond=None)[0]) ** 2))
 
     plain = minimize(left, np.zeros(2), method="Nelder-Mead", options={"xatol": 1e-7, "fatol": 1e-9}).x
-    columns = FittedGroups(u[None], np.array([[30.0, 20.0j]]), u[None], offset[None], offset[None])
+    columns = FittedLines(u[None], np.array([[30.0, 20.0j]]), u[None], offset[None], offset[None])
     found, deviation = velocity_offsets(cells[:, None], bins, array, place, columns, 1.0)
     # Each line is placed by itself, the plain one with the other: apart by less than the bound.
     assert np.abs(found[0] - plain).max() < 0.5 * deviation.min()
     assert np.abs(found[0] - delta).max() < 4.0 * deviation.max()
-
-
-def test_lines_that_are_not_there_have_no_offset() -> None:
-    radar = Radar()
-    array = line_array(radar)
-    nothing = FittedGroups(*(np.full((1, 2), value) for value in (np.nan, 0.0, np.nan, np.nan, np.nan)))
-    place = RangePlace(np.array([20.0]), radar.waveform.range_step_m)
-    cells = np.ones((3, 1, 1, array.channels), complex)
-    found, deviation = velocity_offsets(cells, np.array([0]), array, place, nothing, 1.0)
-    assert np.isnan(found).all()
-    assert np.isnan(deviation).all()

@@ -146,13 +146,3 @@ def test_echoes_add_with_their_phases() -> None:
     same, opposite = (VirtualView().image(echoes(array, u, np.array([[1.0, s]])), array, U, 0.0)[0] for s in (1, -1))
     assert 1.8 < same.max() < 2.0
     assert opposite.max() < 0.2 * same.max()
-
-
-def test_zero_rows_among_others_stay_zero() -> None:
-    array = ARRAYS["sparse4"]
-    rows = some_rows(array, rows=4)
-    whole = VirtualView().image(rows, array, U, 1e-3)
-    rows[[0, 2]] = 0.0
-    image = VirtualView().image(rows, array, U, 1e-3)
-    assert not image[[0, 2]].any()
-    np.testing.assert_allclose(image[[1, 3]], whole[[1, 3]], rtol=1e-9)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.stats import bootstrap
 
-from shared.physics.errors import InputError
 from trainer.metrics import bootstrap as intervals
 from trainer.metrics.bootstrap import bootstrap_mean, bootstrap_ratio, wilson
 from trainer.metrics.cells import CellScores
@@ -53,18 +52,6 @@ def test_wilson_intervals() -> None:
     assert wilson(20, 20).high == 1.0
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda: bootstrap_mean(np.empty(0)), lambda: bootstrap_mean(np.array([1.0, np.nan])),
-        lambda: bootstrap_ratio(np.ones(3), np.ones(4)), lambda: wilson(3, 2), lambda: wilson(0, 0),
-    ],
-)  # fmt: skip
-def test_intervals_of_nothing_are_refused(call) -> None:
-    with pytest.raises(InputError, match="expected"):
-        call()
-
-
 TRUTHS = (6, 3, 0, 9, 4, 7, 2)
 
 
@@ -79,17 +66,6 @@ def frames(seed: int, skill: float) -> list[CellScores]:
         )
         for index, truths in enumerate(TRUTHS)
     ]
-
-
-def test_of_one_method_it_is_the_average_precision():
-    ranking = pooled(frames(0, 1.0))
-    assert average_precision(ranking, seed=4) == ranking.intervals((), seed=4)[0]
-
-
-def test_a_method_gains_nothing_over_itself():
-    ranking = pooled(frames(0, 1.0))
-    found = average_precision(ranking, ranking)
-    assert (found.value, found.low, found.high) == (0.0, 0.0, 0.0)
 
 
 def test_the_interval_is_that_of_frames_drawn_for_all_methods_at_once(monkeypatch):
@@ -110,20 +86,6 @@ def test_the_interval_is_that_of_frames_drawn_for_all_methods_at_once(monkeypatc
     assert (found.low, found.high) == (pytest.approx(expected.low), pytest.approx(expected.high))
 
 
-def test_a_difference_is_surer_than_its_parts():
-    """Two networks whose detections differ by little: what the drawn frames do to both is no difference."""
-    first = frames(0, 1.0)
-    second = [CellScores(one.matched + 0.05, one.false_alarms, one.truths) for one in first]
-    gain = average_precision(pooled(second), pooled(first))
-    alone = average_precision(pooled(second))
-    assert gain.high - gain.low < 0.3 * (alone.high - alone.low)
-
-
 def test_frames_without_anything_to_detect_have_no_value():
     nothing = pooled([CellScores(np.empty(0), np.ones(2), 0)] * 3)
     assert np.isnan(average_precision(nothing, nothing).value)
-
-
-def test_other_frames_cannot_be_compared():
-    with pytest.raises(InputError, match="of other frames"):
-        average_precision(pooled(frames(0, 1.0)), pooled(frames(0, 1.0)[:-1]))

@@ -10,10 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from paper_arrays import U, lines_image
+from paper_arrays import lines_image
 from scipy.signal import find_peaks
 
-from shared.physics.errors import InputError
 from trainer.metrics.detection import (
     PROMINENCES,
     TRUTH_PROMINENCE,
@@ -48,29 +47,6 @@ def test_a_perfect_image_detects_all_and_nothing_else() -> None:
 def test_an_empty_image_scores_zero() -> None:
     for counts in (*sweep(np.zeros_like(TRUTH), TRUTH, (0.0,)), strict(np.zeros_like(TRUTH), TRUTH)):
         assert (counts.tp, counts.fp, counts.fn) == (0, 0, 6)
-
-
-def test_white_noise_is_detected_by_chance() -> None:
-    # Of n values in any order 2^(n - 1) of n! orders have no inner maximum: a window of 2 d_max + 1 bins and its two
-    # neighbours holds a peak otherwise. One bin in three is a peak of at least t where it is the largest of three
-    # uniform numbers and above t: (1 - t^3) / 3.
-    rows, d_max = 2000, 2
-    generator = np.random.default_rng(6)
-    image = generator.random((rows, len(U)))
-    image[:, 0] = 1.0  # no peak itself; the maximum of every row, so that the threshold is that of the numbers
-    truth = lines_image([[p] for p in generator.integers(50, 400, rows)])
-    window = 2 * d_max + 3
-    expected = 1.0 - 2.0 ** (window - 1) / np.prod(np.arange(1.0, window + 1))
-    counts = sweep(image, truth, (0.0,), d_max, threshold=0.0)[0]
-    assert counts.tp / (counts.tp + counts.fn) == pytest.approx(
-        expected, abs=4 * np.sqrt(expected * (1 - expected) / rows) + 1e-3
-    )
-    cut = sweep(image, truth, (0.0,), d_max, threshold=0.5)[0]
-    # The outermost bins are no peaks, and bin 1 has the forced maximum beside it.
-    assert (cut.tp + cut.fp) / rows == pytest.approx((len(U) - 3) * (1.0 - 0.5**3) / 3.0, rel=0.01)
-    assert cut.tp / (cut.tp + cut.fp) == pytest.approx((2 * d_max + 1) / (len(U) - 3), rel=0.1)
-    # Of all bins but those near the truth.
-    assert cut.fp / (cut.tn + cut.fp) == pytest.approx(7 / 24 * (1.0 - (2 * d_max + 1) / len(U)), rel=0.01)
 
 
 def count_as_the_paper(detected: NDArray, true: NDArray, d_max: float, bins: int) -> Counts:
@@ -142,14 +118,6 @@ def test_rows_without_truth_count_only_in_the_strict_score() -> None:
     assert strict(estimate, TRUTH).fp == 2
 
 
-def test_the_more_prominent_a_detection_must_be_the_fewer_there_are() -> None:
-    generator = np.random.default_rng(1)
-    row = np.convolve(generator.random(len(U) + 8), np.hanning(9), mode="valid")
-    found = [counts.tp + counts.fp for counts in sweep(row[None], TRUTH[:1], (0.0, 0.1, 0.3, 0.99))]
-    assert found == sorted(found, reverse=True)
-    assert found[0] > found[-1]
-
-
 @pytest.mark.parametrize("factor", [1e-20, 1e20])
 def test_detection_does_not_depend_on_the_unit(factor: float) -> None:
     estimate = np.random.default_rng(0).random(TRUTH.shape) + TRUTH
@@ -174,12 +142,3 @@ def test_matching_is_the_best_of_all_assignments(detected: list[int], true: list
     assert len(pairs) == best[0]
     assert -sum(abs(first[i] - second[j]) for i, j in pairs) == pytest.approx(best[1])
     assert len(np.unique(pairs[:, 0])) == len(np.unique(pairs[:, 1])) == len(pairs)
-
-
-def test_images_of_other_shapes_are_refused() -> None:
-    whole, part = find_image_peaks(TRUTH), find_image_peaks(TRUTH[:2])
-    for call in (lambda: paper_sweep(whole, part, PROMINENCES, 2), lambda: strict_counts(whole, part, 2)):
-        with pytest.raises(InputError, match="images"):
-            call()
-    with pytest.raises(InputError, match="image"):
-        find_image_peaks(TRUTH[0])

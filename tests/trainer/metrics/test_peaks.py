@@ -10,7 +10,6 @@ import pytest
 from numpy.typing import NDArray
 from paper_arrays import ARRAYS, RADAR, U, deterministic_bound, echoes, half_wavelength_line, noise
 
-from shared.physics.errors import InputError
 from shared.signal.windows import angle_window
 from shared.signal.windows import point_spread as window_point_spread
 from trainer.estimators.base import ESTIMATORS, LineArray
@@ -44,9 +43,6 @@ def test_the_bound_of_one_source_is_the_general_one_and_that_of_a_filled_line() 
     full = ARRAYS["full"]
     expected = full.resolution_cell / (2.0 * np.pi) * np.sqrt(6.0 / (48 * 100.0))
     assert np.sqrt(single_source_bound(full, 100.0)) == pytest.approx(expected, rel=1e-3)
-    for array, snr in ((full, 0.0), (LineArray(np.zeros(3), 1.0), 1.0)):
-        with pytest.raises(InputError, match="both positive"):
-            single_source_bound(array, snr)
 
 
 def test_random_angles_resolve_as_often_as_chance_says() -> None:
@@ -57,11 +53,6 @@ def test_random_angles_resolve_as_often_as_chance_says() -> None:
     # Each angle must fall in its half of an interval of twice the separation: 2 (s / 2)^2.
     expected = 2.0 * (separation / 2.0) ** 2
     assert np.mean(resolved(found, true)) == pytest.approx(expected, abs=4.0 * np.sqrt(expected / trials))
-
-
-def test_resolved_refuses_other_shapes() -> None:
-    with pytest.raises(InputError, match="shapes"):
-        resolved(np.zeros((3, 2)), np.zeros((3, 3)))
 
 
 def test_perfect_angles_resolve_and_an_empty_image_does_not() -> None:
@@ -83,8 +74,6 @@ def test_false_alarms_of_delay_and_sum_are_those_of_rice() -> None:
     expected = np.sqrt(-np.log(probability)) * beta * 1.7 / np.sqrt(np.pi) * probability
     assert false_alarms(image, level) / rows == pytest.approx(expected, rel=0.15)
     assert false_alarms(np.zeros((3, 50)), level) == 0
-    with pytest.raises(InputError, match="probability"):
-        noise_level(array, 2.0, 0.0)
 
 
 BINS = len(U)
@@ -126,6 +115,12 @@ def test_integrated_sidelobes_of_a_filled_line() -> None:
     assert spread.islr_db == pytest.approx(10.0 * np.log10(0.0972 / 0.9028), abs=0.1)
 
 
+def test_a_main_lobe_reaches_to_the_minima_on_both_sides() -> None:
+    spread = point_spread(np.array([0.4, 0.2, 1.0, 0.6, 0.3, 0.5]), np.arange(6.0))
+    assert spread is not None
+    assert spread.islr_db == pytest.approx(10.0 * np.log10((0.16 + 0.25) / (0.04 + 1.0 + 0.36 + 0.09)))
+
+
 def test_point_spread_of_lines_edges_and_nothing() -> None:
     line = np.zeros(50)
     line[20] = 3e-20
@@ -138,18 +133,3 @@ def test_point_spread_of_lines_edges_and_nothing() -> None:
     assert edge is not None
     assert edge.width == np.inf
     assert point_spread(np.zeros(50), U[:50]) is None
-    for bad in (np.full(50, -1.0), np.full(50, np.nan), np.ones(3)):
-        with pytest.raises(InputError, match="spectrum"):
-            point_spread(bad, U[: len(bad)])
-
-
-def test_point_spread_of_white_noise_knows_no_main_lobe() -> None:
-    rows = np.random.default_rng(3).random((200, BINS))
-    spreads = [point_spread(row, U) for row in rows]
-    assert all(spread is not None for spread in spreads)
-    sidelobes = [spread.pslr_db for spread in spreads if spread is not None]
-    # The next largest of 450 numbers is 1 - 2 / 451; the peak between samples is a little higher than its sample.
-    assert -0.3 < np.mean(sidelobes) < 20.0 * np.log10(1.0 - 1.0 / 451)
-    # The main lobe is three bins or so, of mean square 1 and some 1 / 3 for its neighbours; all others have 1 / 3.
-    integrated = np.median([spread.islr_db for spread in spreads if spread is not None])
-    assert integrated == pytest.approx(10.0 * np.log10(447 / 3 / (1 + 2 / 3)), abs=1.0)

@@ -24,18 +24,18 @@ from trainer.run.predict import PredictRequest, predict
 
 def test_the_same_places_in_wavelengths_give_the_same_image(tmp_path):
     run, imager = load_imager(make_run(tmp_path / "run"))
-    fitted = fitted_imager(run, imager, "run", other_radar(), "cube.npz")
-    assert PLACES[fitted.channels].tolist() == [0.0, 1.0, 2.0, 7.0]
-    assert len(fitted.remarks) == 2
-    assert "range bins of 0.0749 m, the run was trained with 0.15 m" in fitted.remarks[0]
-    assert "4 of its 8 channels stand as those of 'mine' in the run, within 0.000 wavelengths" in fitted.remarks[1]
+    fitted, channels, remarks = fitted_imager(run, imager, "run", other_radar(), "cube.npz")
+    assert PLACES[channels].tolist() == [0.0, 1.0, 2.0, 7.0]
+    assert len(remarks) == 2
+    assert "range bins of 0.0749 m, the run was trained with 0.15 m" in remarks[0]
+    assert "4 of its 8 channels stand as those of 'mine' in the run, within 0.000 wavelengths" in remarks[1]
     own = torch.from_numpy(frame(5).range_channel)
     seen = torch.full((*own.shape[:2], 8), 9.0, dtype=own.dtype)
     for channel, place in ((0, 0.0), (1, 1.0), (2, 2.0), (5, 7.0)):
         seen[..., np.flatnonzero(place == PLACES)[0]] = own[..., channel]
     noise = torch.full((3,), 1e-18, dtype=torch.float64)
     with torch.no_grad():
-        one, other = imager(own, noise), fitted.imager(seen, noise)
+        one, other = imager(own, noise), fitted(seen, noise)
     np.testing.assert_allclose(other, one, rtol=2e-3, atol=1e-3 * float(one.max()))
 
 

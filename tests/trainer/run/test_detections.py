@@ -15,7 +15,6 @@ from tiny_radar import small_dataset
 from tiny_run import make_run
 from typer.testing import CliRunner
 
-from shared.physics.errors import InputError
 from shared.signal import if_signal
 from shared.signal.windows import cell_noise_power, hann
 from trainer.cli.app import app
@@ -218,12 +217,6 @@ def test_probability_orders_candidates_and_is_read_beside_the_line() -> None:
     assert found.probability[0] > line_probability(found.snr_db[:1], np.array([0.1]))[0]
 
 
-def test_shapes_that_do_not_fit_are_refused() -> None:
-    cells = Cells(np.zeros((1, 6, 18), np.complex64), np.zeros((1, 6), np.float32))
-    with pytest.raises(InputError, match="detections"):
-        find_detections(np.zeros((1, 5, 450)), None, cells, RADAR, ARRAY, Sought(NOISE))
-
-
 SOME = Detections(
     np.array([10.0, 20.0]), np.array([0.6, -0.8]), np.array([1.5, 0.0]), np.array([-100.0, -120.5]),
     np.array([1e-4, 2e-3]), np.array([0.75, 0.5]), np.array([1e-3, 0.04]), np.array([0.05, 0.05]),
@@ -285,20 +278,6 @@ def test_other_tools_get_files_from_the_command_line(tmp_path, form: str, files:
     result = CliRunner().invoke(app, [*command, "--points", "--points-format", form])
     assert result.exit_code == 0, result.output
     assert sorted(path.name for path in (tmp_path / "out").iterdir() if path.name != "images.parquet") == files
-
-
-@pytest.mark.parametrize(
-    "options", [["--false-alarms", "0"], ["--false-alarms", "nan"], ["--cells", "some"], ["--cells", "all"]]
-)
-def test_options_that_do_not_fit_are_refused_in_one_line(tmp_path, options: list[str]) -> None:
-    """The last one because the dataset holds no cubes."""
-    data = small_dataset(tmp_path / "data", training=2)
-    command = ["predict", str(data), "--method", "das", "--out", str(tmp_path / "out"), "--no-pictures", "--points"]
-    result = CliRunner().invoke(app, [*command, *options])
-    assert isinstance(result.exception, InputError)
-    assert options[0] in str(result.exception)
-    result = CliRunner().invoke(app, [*command[:-1], *options[:1], {"--cells": "all"}.get(options[0], "2")])
-    assert "--points" in str(result.exception)
 
 
 def test_all_cells_of_a_cube_list_what_the_three_peaks_leave_out(tmp_path) -> None:

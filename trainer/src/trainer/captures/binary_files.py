@@ -44,8 +44,6 @@ from trainer.captures.samples import (
 Lanes = Literal["2-lane", "4-lane"]
 LANES = 4
 """In a "4-lane" file, whatever RX are on."""
-
-
 DEVICES = ("master", "slave1", "slave2", "slave3")
 RX_OF_DEVICE = 4
 INDEX_HEADER = struct.Struct("<IIIIQ")

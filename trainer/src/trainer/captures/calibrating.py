@@ -81,18 +81,6 @@ def _position(range_m: float, angle_deg: float) -> NDArray[np.float64]:
     return range_m * np.array([np.cos(angle), np.sin(angle), 0.0])
 
 
-@dataclass(frozen=True, eq=False)
-class Response:
-    """Of the channels to a reflector.
-
-    :param factor: [C] F_c at its best nu
-    :param bins: [C] those nu, in range bins
-    """
-
-    factor: NDArray[np.complex128]
-    bins: NDArray[np.float64]
-
-
 @dataclass(frozen=True)
 class Left:
     """Of a capture after calibration, relative to the reflector's power.
@@ -125,7 +113,6 @@ def calibrate(
     if out.suffix != ".toml" or not out.parent.is_dir():
         raise InputError("--out", f"{out}", "a .toml in a folder that is there")
     captures = [_average(read_capture(place.source, reading)) for place in places]
-    checked = None if check is None else _average(read_capture(check.source, reading))
     for capture, place in zip(captures, places, strict=True):
         if capture.radar != captures[0].radar:
             raise InputError(place.source, "other chirps than the first capture", "the same")
@@ -134,20 +121,19 @@ def calibrate(
         f"{place.source}: leaves {residual(capture, place, calibration).stated_db:.1f} dB (it was fitted to it)"
         for capture, place in zip(captures, places, strict=True)
     ]
-    errors: list[float] = []
-    if checked is not None and check is not None:
-        left = residual(checked, check, calibration)
-        errors, told = [left.best_db], _told(check, left)
-        lines += told
+    tried: list[tuple[RawCapture, Place, Calibration]] = []
+    if check is not None:
+        tried.append((read_capture(check.source, reading), check, calibration))
     elif len(places) > 1:
         for index, place in enumerate(places):
             others = [i for i in range(len(places)) if i != index]
             fitted = _fit([captures[i] for i in others], [places[i] for i in others], reading.board)
-            left = residual(captures[index], place, fitted)
-            errors.append(left.best_db)
-            lines += _told(place, left)
-    if errors:
-        mean = float(power_to_db(np.mean(10.0 ** (np.array(errors) / 10.0))))
+            tried.append((captures[index], place, fitted))
+    if tried:
+        left = [residual(*one) for one in tried]
+        for (_, place, _), one in zip(tried, left, strict=True):
+            lines += _told(place, one)
+        mean = float(power_to_db(np.mean(10.0 ** (np.array([one.best_db for one in left]) / 10.0))))
         calibration = calibration.model_copy(update={"model_error_db": mean})
     else:
         lines.append("what another reflector leaves is not known: --check CAPTURE --check-range R --check-angle A")
@@ -164,19 +150,17 @@ def _average(capture: RawCapture) -> RawCapture:
 
 
 def _fit(captures: Sequence[RawCapture], places: Sequence[Place], board: str) -> Calibration:
-    responses = [_response(capture, place) for capture, place in zip(captures, places, strict=True)]
+    responses = list(map(_response, captures, places))
     radar = captures[0].radar
-    dead = _dead(captures, responses)
+    dead = _dead(captures, [factor for factor, _ in responses])
     alive = np.setdiff1d(np.arange(radar.array.channels), dead)
-    if not len(alive):
-        raise InputError(places[0].source, "no channel with an echo of the reflector", "one at least")
-    factors = np.array([response.factor[alive] for response in responses])
+    factors = np.array([factor[alive] for factor, _ in responses])
     channel = np.ones(radar.array.channels, np.complex128)
     channel[alive] = np.linalg.svd(factors, full_matrices=False)[2][0]
     phase = np.angle(np.vdot(channel[alive], factors[0]))  # of the singular vector it is arbitrary
     channel[alive] *= np.exp(1j * phase) / np.exp(np.mean(np.log(np.abs(channel[alive]))))
     bins = np.zeros(radar.array.channels)
-    bins[alive] = np.mean([r.bins[alive] - r.bins[alive].mean() for r in responses], axis=0)
+    bins[alive] = np.mean([at[alive] - at[alive].mean() for _, at in responses], axis=0)
     waveform = radar.waveform
     return Calibration(
         board=board, array=radar.array, carrier_hz=waveform.carrier_hz, bandwidth_hz=waveform.bandwidth_hz,
@@ -190,11 +174,11 @@ def _fit(captures: Sequence[RawCapture], places: Sequence[Place], board: str) ->
     )  # fmt: skip
 
 
-def _dead(captures: Sequence[RawCapture], responses: Sequence[Response]) -> NDArray[np.intp]:
+def _dead(captures: Sequence[RawCapture], factors: Sequence[NDArray[np.complex128]]) -> NDArray[np.intp]:
     """Channels that had no echo in a capture, of the reflector or at all."""
     dead = {channel for capture in captures for channel in capture.dead}
-    for response in responses:
-        level = amplitude_to_db(response.factor)
+    for factor in factors:
+        level = amplitude_to_db(factor)
         dead |= set(np.flatnonzero(level < np.median(level) - DEAD_DB).tolist())
     return np.array(sorted(dead), dtype=np.intp)
 
@@ -223,7 +207,8 @@ def _window(samples: int) -> NDArray[np.float64]:
     return np.asarray(window / window.sum())
 
 
-def _response(capture: RawCapture, place: Place) -> Response:
+def _response(capture: RawCapture, place: Place) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+    """([C] F_c of the channels at its best nu, [C] those nu in range bins)."""
     chirp = _demodulated(capture, place)
     coarse = np.arange(-SEARCH_BINS, SEARCH_BINS + 0.05, 0.1)
     power = np.mean(np.abs(_spectrum(chirp, coarse)) ** 2, axis=1)
@@ -244,7 +229,7 @@ def _response(capture: RawCapture, place: Place) -> Response:
     bins = fine[at] + FINE_BINS * np.clip(moved, -1.0, 1.0)
     samples = len(chirp)
     turn = np.exp(-2j * np.pi * (np.arange(samples) / samples - 0.5)[:, None] * bins)
-    return Response(np.sum(_window(samples)[:, None] * turn * chirp, axis=0), bins)
+    return np.asarray(np.sum(_window(samples)[:, None] * turn * chirp, axis=0)), bins
 
 
 def residual(capture: RawCapture, place: Place, calibration: Calibration) -> Left:

@@ -81,10 +81,7 @@ def write_cube(path: Path, cube: NDArray[np.complexfloating], radar: Radar, capt
     """Write ``path`` in one step; the same content makes the same bytes.
 
     :param cube: [frame, chirp, sample, C]; of one frame that axis is left out in the file
-    :raises ValueError: a cube that does not fit radar or capture
     """
-    if cube.shape != (capture.frames, *frame_shape(radar)):
-        raise ValueError(f"cube of shape {cube.shape}; expected {(capture.frames, *frame_shape(radar))}")
     stored = cube.astype(np.complex64, copy=False)
     text = json.dumps(sealed(capture.model_dump(mode="json")), sort_keys=True)
     with atomic(path) as partial, partial.open("wb") as handle:
@@ -123,8 +120,11 @@ def read_cube(path: Path, radar: str | None) -> CubeFile:
             entries = unsealed(path, _fields(path, "capture", str(content["capture"])))
             capture = validated(Capture, entries, f"{path}: capture")
     frames = _checked(path, cube, found)
-    if capture is not None:
-        _check_capture(path, capture, frames)
+    if capture is not None and capture.frames != len(frames):
+        raise InputError(path, f"capture says {capture.frames} frames, cube has {len(frames)}", "one as it was written")
+    if capture is not None and (beyond := [n for n in capture.dead_channels if n >= frames.shape[-1]]):
+        problem = f"capture names the dead channel {beyond[0]}"
+        raise InputError(path, problem, f"one of the {frames.shape[-1]} of the cube")
     return CubeFile(frames, found, capture)
 
 
@@ -156,11 +156,3 @@ def _fields(path: Path, name: str, text: str) -> dict[str, Any]:
     if not isinstance(fields, dict):
         raise InputError(path, f"{name} is {type(fields).__name__}", f"a {name}'s fields as JSON text")
     return fields
-
-
-def _check_capture(path: Path, capture: Capture, frames: NDArray[np.complex64]) -> None:
-    if capture.frames != len(frames):
-        raise InputError(path, f"capture says {capture.frames} frames, cube has {len(frames)}", "one as it was written")
-    if beyond := [channel for channel in capture.dead_channels if channel >= frames.shape[-1]]:
-        problem = f"capture names the dead channel {beyond[0]}"
-        raise InputError(path, problem, f"one of the {frames.shape[-1]} of the cube")

@@ -132,25 +132,18 @@ def chosen_frames(path: Path, count: int, chosen: tuple[int, int] | None, radar:
 def read_numbers(path: Path, sizes: Sizes, frames: range) -> NDArray[np.int16]:
     """[frame, numbers] of these frames, little-endian.
 
-    :raises InputError: cut short since, all zero, or packets with their headers
+    :raises InputError: not readable, all zero, or packets with their headers
     """
     try:
         start, size = 2 * frames.start * sizes.numbers, len(frames) * sizes.numbers
         numbers = np.fromfile(path, dtype="<i2", count=size, offset=start)
     except OSError as error:
         raise InputError(path, f"not readable: {error.strerror or error}", "a capture") from error
-    if len(numbers) != size:
-        raise InputError(path, f"{2 * len(numbers)} bytes of frames {frames.start} to {frames.stop - 1}", f"{2 * size}")
-    require_samples(path, numbers)
-    return numbers.reshape(len(frames), sizes.numbers)
-
-
-def require_samples(path: Path, numbers: NDArray[np.int16]) -> None:
-    """Refuse what cannot be samples: zeros, headers of packets between them."""
     if tuple(numbers[:7]) == (1, 0, 1456, 0, 0, 0, 0):
         raise InputError(path, "holds the headers of its packets", "the adc_data.bin that mmWave Studio makes of it")
     if not numbers.any():
         raise InputError(path, "all samples are 0", "a capture")
+    return numbers.reshape(len(frames), sizes.numbers)
 
 
 def ordered(samples: NDArray[np.complex64], order: Order) -> NDArray[np.complex64]:

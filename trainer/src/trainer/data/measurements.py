@@ -18,7 +18,7 @@ from shared.signal.ego_motion import EgoMotion
 from shared.signal.model_error import NO_MODEL_ERROR_DB, UNCALIBRATED_DB
 from shared.signal.spectrum import doppler_neighbours, range_doppler, select_doppler, unfold
 from shared.signal.windows import cell_noise_power
-from trainer.captures.cube_file import Capture, CubeFile, read_cube
+from trainer.captures.cube_file import CubeFile, read_cube
 from trainer.data.cfar import cfar_cells
 from trainer.data.motion import read_motion
 
@@ -175,17 +175,14 @@ def of_cube(
     :param cells: of :data:`CELLS`; :param number: of the frame, where it is not its place in the cube
     """
     radar, capture = found.radar, found.capture
-    noise_power = cell_noise_power(radar) if capture is None else capture.noise_power
+    # A cube that was simulated or written by hand has no model error, one whose calibration does not say a usual one.
+    noise_power, error_db = cell_noise_power(radar), NO_MODEL_ERROR_DB
+    if capture is not None:
+        noise_power = capture.noise_power
+        error_db = UNCALIBRATED_DB if capture.model_error_db is None else capture.model_error_db
     seen = _cells(found.cube[frame], radar, noise_power, cells)
     name = name if len(found.cube) == 1 else f"{name}-{frame:06d}"
-    frame_id, error_db = frame if number is None else number, _model_error_db(capture)
+    frame_id = frame if number is None else number
     return Measurement(
         name, frame_id, seen.range_channel, seen.velocity, noise_power, None, error_db, motion, seen.centre, seen.beside
     )
-
-
-def _model_error_db(capture: Capture | None) -> float:
-    """None of a cube that was simulated or written by hand, a usual one where the calibration does not say."""
-    if capture is None:
-        return NO_MODEL_ERROR_DB
-    return UNCALIBRATED_DB if capture.model_error_db is None else capture.model_error_db

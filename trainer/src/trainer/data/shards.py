@@ -82,9 +82,6 @@ class BatchOrder(Sampler[list[int]]):
         return generator.permutation(np.concatenate(drawn))
 
 
-COLUMNS = ("range_channel", "velocity", "image", "range_doppler", "cube")
-"""Array columns that become tensors."""
-
 SCALARS = {
     "image_peak": torch.float64, "noise_power": torch.float64, "frame_id": torch.int64,
     "sensor_velocity": torch.float64, "sensor_orientation": torch.float64,
@@ -116,12 +113,12 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
 
     :param directory: the dataset's folder, local or remote, see :func:`shared.dataset.locations.locate`
     :param split: "train", "validation" or "test"
-    :param columns: array columns to read, of :data:`COLUMNS`
+    :param columns: array columns to read: range_channel, velocity, image, range_doppler, cube
     :param cache_bytes: decoded columns that every process keeps
     :param facts: columns of :data:`FACTS`, and :data:`BOXES`, to read as well, for :meth:`frame`
     :param first: take the frames whose ``frame_id`` is below it; 0 for all
-    :raises InputError: a dataset that is missing, damaged or newer, a split without frames, none among the first, an
-        unknown column
+    :raises InputError: a dataset that is missing, damaged or newer, a split without frames, none among the first, a
+        column that is not stored
     """
 
     def __init__(
@@ -133,8 +130,6 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
         facts: Sequence[str] = (),
         first: int = 0,
     ) -> None:
-        if unknown := [name for name in columns if name not in COLUMNS]:
-            raise InputError("columns", f"{unknown[0]!r}", f"some of {list(COLUMNS)}")
         dataset = open_dataset(directory)
         self.columns, self.facts = tuple(columns), tuple(facts)
         self.description = dataset.description()

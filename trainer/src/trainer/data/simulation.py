@@ -18,7 +18,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shared.physics.errors import InputError
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.signal import if_signal
@@ -112,19 +111,12 @@ class Condition:
     :param snr_db: of the stronger target in one channel
     :param ratio_db: stronger over weaker target
     :param phase_rad: of the second target against the first at the middle of the array; uniform where None
-    :raises InputError: a separation or a ratio that is negative
     """
 
     separation_cells: float
     snr_db: float
     ratio_db: float = 0.0
     phase_rad: float | None = None
-
-    def __post_init__(self) -> None:
-        if not self.separation_cells >= 0.0:
-            raise InputError("pair", f"separation_cells = {self.separation_cells!r}", "resolution cells, 0 or more")
-        if not self.ratio_db >= 0.0:
-            raise InputError("pair", f"ratio_db = {self.ratio_db!r}", "at least 0, the stronger over the weaker")
 
     @property
     def named(self) -> dict[str, str]:

@@ -121,14 +121,11 @@ class IterativeAdaptive:
     approach based on weighted least squares", IEEE Trans. Aerosp. Electron. Syst. 46(1), 2010. No model order, no noise
     power, but a floor 60 dB below the power in the row; amplitudes are nearly unbiased. Two targets closer than about
     half a cell merge.
-
-    :param iterations: after the first, which is delay-and-sum
     """
 
     name = "iaa"
-
-    def __init__(self, iterations: int = IAA_ITERATIONS) -> None:
-        self.iterations = iterations
+    iterations = IAA_ITERATIONS
+    """After the first, which is delay-and-sum."""
 
     def image(
         self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: NoisePower

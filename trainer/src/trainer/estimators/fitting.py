@@ -38,16 +38,20 @@ ROUNDING = 1e-14
 
 @dataclass(frozen=True, eq=False)
 class FittedLines:
-    """Lines of B rows, at most K in each, the strongest first; NaN angles and amplitudes of 0 where there is none.
+    """Lines of B groups of range bins, at most K in each, the strongest first; where there is none NaN and amplitude 0.
 
     :param u: [B, K] sin(azimuth)
     :param amplitude: [B, K] complex [sqrt(W)]
     :param u_std: [B, K] standard deviations of u by the Cramer-Rao bound, at most the array's half period
+    :param offset: [B, K] from the group's centre [bins], 0 where a group is one cell
+    :param offset_std: [B, K] its standard deviation by the Cramer-Rao bound, NaN where a group is one cell
     """
 
     u: NDArray[np.float64]
     amplitude: NDArray[np.complex128]
     u_std: NDArray[np.float64]
+    offset: NDArray[np.float64]
+    offset_std: NDArray[np.float64]
 
 
 def fit_lines(
@@ -56,7 +60,6 @@ def fit_lines(
     noise_power: float,
     candidates: NDArray[np.floating],
     model_error_db: float = MODEL_ERROR_DB,
-    false_alarm: float = FALSE_ALARM,
 ) -> FittedLines:
     """The lines of every row.
 
@@ -69,30 +72,10 @@ def fit_lines(
     check_snapshots(snapshots, array)
     if np.ndim(candidates) != 2 or len(candidates) != len(snapshots):
         raise InputError("candidates", f"shape {np.shape(candidates)}", f"[{len(snapshots)} range bins, any number]")
-    if np.isinf(candidates).any():
-        raise InputError("candidates", "infinite angles", "finite angles, NaN for none")
-    thermal = row_powers(noise_power, len(snapshots))
-    model_error = max(model_error_ratio(model_error_db), ROUNDING)
-    if not 0.0 < false_alarm < 1.0:
-        raise InputError("false_alarm", repr(false_alarm), "a probability between 0 and 1")
-    cells = np.asarray(snapshots, dtype=np.complex128)[:, None]
-    price = line_threshold(array, false_alarm)
-    bins, noise = np.zeros(1, dtype=np.int64), _Noise(thermal, model_error)
-    model = _model(array, bins, price, price, np.zeros(array.channels))
-    found = _fitted(cells, bins, array, model, noise, candidates, np.zeros(len(cells)))
-    return FittedLines(found.u, found.amplitude, found.u_std)
-
-
-@dataclass(frozen=True, eq=False)
-class FittedGroups(FittedLines):
-    """Lines of B groups of neighbouring range bins.
-
-    :param offset: [B, K] from the group's centre [bins], 0 where a group is one cell
-    :param offset_std: [B, K] its standard deviation by the Cramer-Rao bound, NaN where a group is one cell
-    """
-
-    offset: NDArray[np.float64]
-    offset_std: NDArray[np.float64]
+    # Groups of one bin, so far away that waves are flat and no echo walks from bin to bin.
+    far = RangePlace(np.full(len(snapshots), np.inf), np.inf)
+    test = GroupTest(noise_power, model_error_db, FALSE_ALARM, FALSE_ALARM)
+    return fit_groups(snapshots[:, None], np.zeros(1, dtype=np.int64), array, far, candidates, test)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,39 +115,17 @@ def fit_groups(
     place: RangePlace,
     candidates: NDArray[np.floating],
     test: GroupTest,
-) -> FittedGroups:
+) -> FittedLines:
     """The lines of groups of range bins of Hann windowed spectra, each group fitted as one.
 
     :param cells: [B, M, C] of one Doppler cell [sqrt(W)], straightened for u = 0: see :mod:`trainer.estimators.array`
     :param bins: [M] of each cell from the group's centre, 0 among them
     :param candidates: as of :func:`fit_lines`
     """
+    cells, bins = np.asarray(cells, np.complex128), np.asarray(bins, np.int64)
     thresholds = line_threshold(array, test.first), line_threshold(array, test.further)
     model = _model(array, bins, *thresholds, place.walk(array))
     thermal = row_powers(test.noise_power, len(cells))
-    noise = _Noise(thermal, max(model_error_ratio(test.model_error_db), ROUNDING))
-    return _fitted(np.asarray(cells, np.complex128), np.asarray(bins, np.int64), array, model, noise, candidates,
-                   1.0 / place.centre_m)  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class _Noise:
-    """Of one channel and cell [W], [B] for each group, and the share of a group's power that the model leaves out."""
-
-    thermal: NDArray[np.float64]
-    model_error: float
-
-
-def _fitted(
-    cells: NDArray[np.complex128],
-    bins: NDArray[np.int64],
-    array: LineArray,
-    model: Model,
-    received: _Noise,
-    candidates: NDArray[np.floating],
-    bend: NDArray[np.float64],
-) -> FittedGroups:
-    groups = len(cells)
     white = whitening(bins)
     whitened = np.einsum("mn,bnc->bmc", white * alternating(bins), cells)
     scale = np.abs(whitened).max(axis=(1, 2), initial=0.0)
@@ -172,29 +133,29 @@ def _fitted(
     x = np.zeros((len(present), MOST_CELLS, array.channels), dtype=np.complex128)
     x[:, : len(bins)] = whitened[present] / scale[present, None, None]
     # The quotient comes before the square: the square of 1e-200 would be zero.
-    relative = np.minimum(np.sqrt(received.thermal[present]) / scale[present], LARGEST_RELATIVE_NOISE) ** 2
+    relative = np.minimum(np.sqrt(thermal[present]) / scale[present], LARGEST_RELATIVE_NOISE) ** 2
     power = np.mean(np.abs(cells[present] / scale[present, None, None]) ** 2, axis=2).max(axis=1, initial=0.0)
-    noise = with_model_error(relative, power, received.model_error)
-    place = np.full((len(x), model.most, 2), np.nan)
-    amplitude, deviation = np.zeros(place.shape[:2], dtype=np.complex128), np.full(place.shape, np.nan)
+    noise = with_model_error(relative, power, max(model_error_ratio(test.model_error_db), ROUNDING))
+    found = np.full((len(x), model.most, 2), np.nan)
+    amplitude, deviation = np.zeros(found.shape[:2], dtype=np.complex128), np.full(found.shape, np.nan)
     given = np.ascontiguousarray(candidates, dtype=np.float64)[present]
     parts = np.ascontiguousarray(np.stack([x.real, x.imag], axis=1))
-    scales = np.stack([noise, bend[present]], axis=1)
-    fit_all(model, parts, scales, given, place, amplitude, deviation)
+    scales = np.stack([noise, 1.0 / place.centre_m[present]], axis=1)
+    fit_all(model, parts, scales, given, found, amplitude, deviation)
     order = np.argsort(-np.abs(amplitude), axis=1, kind="stable")
-    u, half = place[..., 0], array.half_period
-    place[..., 0] = (u + half) % (2.0 * half) - half if half < 1.0 else np.clip(u, -1.0, 1.0)
+    u, half = found[..., 0], array.half_period
+    found[..., 0] = (u + half) % (2.0 * half) - half if half < 1.0 else np.clip(u, -1.0, 1.0)
     deviation[..., 0] = np.minimum(deviation[..., 0], half)
 
     def all_groups(values: NDArray, empty: float) -> NDArray:
-        out = np.full((groups, model.most), empty, dtype=values.dtype)
+        out = np.full((len(cells), model.most), empty, dtype=values.dtype)
         out[present] = np.take_along_axis(values, order, axis=1)
         return out
 
     strength = all_groups(amplitude * scale[present, None], 0.0)
-    return FittedGroups(
-        all_groups(place[..., 0], np.nan), strength, all_groups(deviation[..., 0], np.nan),
-        all_groups(place[..., 1], np.nan), all_groups(deviation[..., 1], np.nan),
+    return FittedLines(
+        all_groups(found[..., 0], np.nan), strength, all_groups(deviation[..., 0], np.nan),
+        all_groups(found[..., 1], np.nan), all_groups(deviation[..., 1], np.nan),
     )  # fmt: skip
 
 

@@ -52,15 +52,12 @@ class MaximumLikelihood:
     with amplitudes a thousand times the noise that cancel. The angles stay those of the likelihood; the amplitudes are
     bounded, see :func:`trainer.estimators.lines.bounded_amplitudes`: lines too close to be told apart share their sum.
 
-    :param targets: K, in every range bin
-    :raises InputError: less than one target
+    :param targets: K, in every range bin, 1 or more
     """
 
     name = "ml"
 
     def __init__(self, targets: int = 2) -> None:
-        if targets < 1:
-            raise InputError("ml", f"targets = {targets!r}", "a whole number of at least 1")
         self.targets = targets
 
     def image(
@@ -77,33 +74,31 @@ class MaximumLikelihood:
         return image_rows(snapshots, array, len(u), noise_power, solve)
 
     def locate(
-        self, snapshots: NDArray[np.complexfloating], array: LineArray, targets: int | None = None
+        self, snapshots: NDArray[np.complexfloating], array: LineArray
     ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
         """(u [R, K] rising, complex amplitudes [R, K] [sqrt(W)]); zeros where the snapshot is zero.
 
         :param snapshots: [R, C] [sqrt(W)]
-        :param targets: K, by default that of the estimator
-        :raises InputError: K less than 1, or so many that they explain any snapshot
+        :raises InputError: K so many that they explain any snapshot
         """
-        count = self.targets if targets is None else targets
-        _check_count(count, array)
+        _check_count(self.targets, array)
         check_snapshots(snapshots, array)
-        found = np.zeros((len(snapshots), count))
-        amplitude = np.zeros((len(snapshots), count), dtype=np.complex128)
+        found = np.zeros((len(snapshots), self.targets))
+        amplitude = np.zeros(found.shape, dtype=np.complex128)
         rows = np.asarray(snapshots, dtype=np.complex128)
         scale = np.abs(rows).max(axis=1)
         present = np.flatnonzero(scale > 0.0)
         for start in range(0, len(present), ROWS_AT_ONCE):
             block = present[start : start + ROWS_AT_ONCE]
             x = rows[block] / scale[block, None]
-            found[block] = np.sort(_search(x, array, count), axis=1)
+            found[block] = np.sort(_search(x, array, self.targets), axis=1)
             amplitude[block] = scale[block, None] * bounded_amplitudes(x, found[block], array)[0]
         return found, amplitude
 
 
 def _check_count(targets: int, array: LineArray) -> None:
-    if not 1 <= targets < max(array.channels, 2):
-        raise InputError("ml", f"targets = {targets} with {array.channels} channels", "1 or more, fewer than channels")
+    if targets >= max(array.channels, 2):
+        raise InputError("ml", f"targets = {targets} with {array.channels} channels", "fewer than channels")
 
 
 def _search(x: NDArray[np.complex128], array: LineArray, targets: int) -> NDArray[np.float64]:
@@ -162,24 +157,13 @@ def _improve(
         for two in twos:
             others = np.delete(best[going], two, axis=1)
             trials = pairs_elsewhere(x[going], array, axis, others, others[:, :0], PAIRS)
-            _accept(x, array, best, left, going, trials)
+            found, energy = raced(x[going], trials, array, RACE)
+            better = energy[:, 0] < left[going]
+            improved = going[better]
+            best[improved], left[improved] = refit(x[improved], found[better, 0], array)
         going = going[left[going] < before * (1.0 - GAIN)]
         if not len(going):
             break
-
-
-def _accept(
-    x: NDArray[np.complex128],
-    array: LineArray,
-    best: NDArray[np.float64],
-    left: NDArray[np.float64],
-    rows: NDArray[np.intp],
-    trials: NDArray[np.float64],
-) -> None:
-    """Put the best of ``trials`` [rows, T, K], refined, in the place of the rows' lines where it leaves less."""
-    found, energy = raced(x[rows], trials, array, RACE)
-    better = energy[:, 0] < left[rows]
-    best[rows[better]], left[rows[better]] = refit(x[rows[better]], found[better, 0], array)
 
 
 def _best_pair(x: NDArray[np.complex128], array: LineArray, axis: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -29,20 +29,17 @@ EnergyLeft = Callable[[NDArray[np.complex128], NDArray[np.float64], LineArray], 
 
 
 def additions(
-    x: NDArray[np.complex128], array: LineArray, axis: NDArray[np.float64], u: NDArray[np.float64], count: int = 1
+    x: NDArray[np.complex128], array: LineArray, axis: NDArray[np.float64], u: NDArray[np.float64], count: int
 ) -> NDArray[np.float64]:
     """[B, count, K + 1] the lines u [B, K] with each of the ``count`` angles that explain most of what they leave.
 
     The score is |a^H P x|^2 / a^H P a with P the projection off the span of the lines; an angle of ``axis`` inside that
-    span counts 0. Beside the best one only its local maxima are taken.
+    span counts 0. Only its local maxima are taken.
     """
     score = beside_lines(x, array, axis, u)[0]
-    if count > 1:
-        before, after = np.roll(score, 1, axis=1), np.roll(score, -1, axis=1)
-        score = np.where((score >= before) & (score > after), score, 0.0)
-        best = np.argsort(-score, axis=1, kind="stable")[:, :count]
-    else:
-        best = np.argmax(score, axis=1)[:, None]
+    before, after = np.roll(score, 1, axis=1), np.roll(score, -1, axis=1)
+    score = np.where((score >= before) & (score > after), score, 0.0)
+    best = np.argsort(-score, axis=1, kind="stable")[:, :count]
     kept = np.repeat(u[:, None, :], best.shape[1], axis=1)
     return np.concatenate([kept, axis[best][..., None]], axis=2)
 
@@ -54,16 +51,15 @@ def pairs_elsewhere(
     u: NDArray[np.float64],
     avoided: NDArray[np.float64],
     count: int,
-    kept: int = KEPT_ANGLES,
 ) -> NDArray[np.float64]:
     """[B, count, K + 2] the lines u [B, K], K from 0, and the pairs of angles that explain most of what they leave.
 
-    Of the ``kept`` angles that would explain most alone all pairs are tried, see :func:`pair_energy`. A pair is left
-    out where both its angles are within :data:`NEAR_CELLS` of lines ``avoided`` [B, A], or of a better pair.
+    Of the :data:`KEPT_ANGLES` angles that would explain most alone all pairs are tried, see :func:`pair_energy`. A pair
+    is left out where both its angles are within :data:`NEAR_CELLS` of lines ``avoided`` [B, A], or of a better pair.
 
     :param axis: uniform
     """
-    kept = min(kept, len(axis))
+    kept = min(KEPT_ANGLES, len(axis))
     alone, matched, inside = beside_lines(x, array, axis, u)
     place = np.sort(np.argpartition(-alone, kept - 1, axis=1)[:, :kept], axis=1)  # (B, M)
     first, second = np.triu_indices(kept, 1)
@@ -133,16 +129,11 @@ def best_refit(
     x: NDArray[np.complex128],
     trials: NDArray[np.float64],
     array: LineArray,
-    steps: int = STEPS,
     measure: EnergyLeft = line_energy_left,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """([B, L] the refined trial that leaves least of x, [B] that energy) of trials [B, T, L], by ``measure``."""
-    rows, count, lines = trials.shape
-    repeated = np.repeat(x, count, axis=0)
-    refined, left = refit(repeated, trials.reshape(rows * count, lines), array, steps, measure)
-    best = np.argmin(left.reshape(rows, count), axis=1)
-    row = np.arange(rows)
-    return refined.reshape(rows, count, lines)[row, best], left.reshape(rows, count)[row, best]
+    found, left = raced(x, trials, array, ((STEPS, 1),), measure)
+    return found[:, 0], left[:, 0]
 
 
 def raced(

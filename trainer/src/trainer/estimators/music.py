@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,11 +35,7 @@ class Music:
     :param targets: K, where it is known; by AIC where None
     """
 
-    def __init__(self, smoothing: str = "none", targets: int | None = None) -> None:
-        if smoothing not in ("none", "forward-backward"):
-            raise InputError("music", f"smoothing = {smoothing!r}", "none or forward-backward")
-        if targets is not None and targets < 1:
-            raise InputError("music", f"targets = {targets!r}", "a whole number of at least 1")
+    def __init__(self, smoothing: Literal["none", "forward-backward"] = "none", targets: int | None = None) -> None:
         self.smoothing, self.targets = smoothing, targets
         self.name = "music" if smoothing == "none" else "music-fbss"
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import gammaincinv, gammaln
 
-from shared.physics.errors import InputError
 from trainer.estimators.array import LineArray, NoisePower, draw_lines, image_rows, scan_axis, uniform_axis
 from trainer.estimators.fitting import line_threshold
 from trainer.estimators.lines import bounded_amplitudes, bounded_energy_left, line_amplitudes, refine_lines
@@ -49,9 +50,7 @@ class OrthogonalMatchingPursuit:
     :param stop: "noise" or "cfar"
     """
 
-    def __init__(self, stop: str = "noise") -> None:
-        if stop not in ("noise", "cfar"):
-            raise InputError("omp", f"stop = {stop!r}", "noise or cfar")
+    def __init__(self, stop: Literal["noise", "cfar"] = "noise") -> None:
         self.stop = stop
         self.name = "omp" if stop == "noise" else "omp-cfar"
 

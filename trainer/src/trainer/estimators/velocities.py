@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from trainer.estimators.array import LineArray
 from trainer.estimators.fitting import (
-    FittedGroups,
+    FittedLines,
     RangePlace,
     alternating,
     hann_correlation,
@@ -52,7 +52,7 @@ def velocity_offsets(
     bins: NDArray[np.integer],
     array: LineArray,
     place: RangePlace,
-    fitted: FittedGroups,
+    fitted: FittedLines,
     noise_power: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(delta [B, K] of the lines of B groups, its standard deviation [B, K]) [Doppler cells].
@@ -84,7 +84,7 @@ def velocity_offsets(
 
 
 def _responses(
-    bins: NDArray[np.integer], array: LineArray, place: RangePlace, fitted: FittedGroups, there: NDArray[np.bool_]
+    bins: NDArray[np.integer], array: LineArray, place: RangePlace, fitted: FittedLines, there: NDArray[np.bool_]
 ) -> NDArray[np.complex128]:
     """[B, M, C, K] h(i - r + w_c u) exp(-j k (p_c u + q_c u^2 / R)), see :mod:`trainer.estimators.groups`."""
     u, offset = np.where(there, fitted.u, 0.0)[:, None], np.where(there, fitted.offset, 0.0)[:, None]

@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest, bootstrap
 
-from shared.physics.errors import InputError
-
 CONFIDENCE = 0.95
 RESAMPLES = 2000
 
@@ -37,11 +35,8 @@ def bootstrap_mean(values: NDArray[np.floating], seed: int = 0) -> Interval:
     """Mean of values [n] and its percentile bootstrap interval (Efron 1979) over the n of them.
 
     One value alone has no spread that could be resampled: its interval is NaN, not of width zero.
-
-    :raises InputError: no values, or some not finite
     """
-    data = _finite("values", values)
-    return _bootstrap((data,), np.mean, seed)
+    return _bootstrap((np.asarray(values, np.float64),), np.mean, seed)
 
 
 def bootstrap_ratio(parts: NDArray[np.floating], wholes: NDArray[np.floating], seed: int = 0) -> Interval:
@@ -51,17 +46,13 @@ def bootstrap_ratio(parts: NDArray[np.floating], wholes: NDArray[np.floating], s
 
     :param parts: [n] e.g. true positives of each frame
     :param wholes: [n] e.g. truths of each frame
-    :raises InputError: none, of different lengths, or some not finite
     """
-    part, whole = _finite("parts", parts), _finite("wholes", wholes)
-    if len(part) != len(whole):
-        raise InputError("bootstrap", f"{len(part)} parts and {len(whole)} wholes", "as many of one as of the other")
 
     def ratio(x: NDArray[np.float64], y: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
         below = np.sum(y, axis=axis)
         return np.where(below > 0.0, np.sum(x, axis=axis) / np.where(below > 0.0, below, 1.0), 0.0)
 
-    return _bootstrap((part, whole), ratio, seed)
+    return _bootstrap((np.asarray(parts, np.float64), np.asarray(wholes, np.float64)), ratio, seed)
 
 
 def bootstrap_frames(
@@ -70,10 +61,7 @@ def bootstrap_frames(
     """(lower, upper) ends of the intervals of K statistics of a pool of frames, such as the average precision.
 
     :param statistics: weights [B, frames], how often each frame was drawn, to the statistics [K, B] of each draw
-    :raises InputError: no frames
     """
-    if frames < 1:
-        raise InputError("bootstrap", f"{frames} frames", "one or more")
 
     def of_draws(drawn: NDArray[np.int64], axis: int = -1) -> NDArray[np.float64]:
         draws = drawn.reshape(-1, frames)
@@ -88,25 +76,9 @@ def bootstrap_frames(
 
 
 def wilson(successes: int, trials: int) -> Interval:
-    """Share of successes and its Wilson score interval (Wilson 1927), which keeps within 0 and 1.
-
-    :raises InputError: no trials, or more successes than trials
-    """
-    if trials < 1 or not 0 <= successes <= trials:
-        raise InputError("wilson", f"{successes} of {trials}", "at least one trial, and no more successes than trials")
+    """Share of successes and its Wilson score interval (Wilson 1927), which keeps within 0 and 1."""
     interval = binomtest(successes, trials).proportion_ci(CONFIDENCE, method="wilson")
     return Interval(successes / trials, float(interval.low), float(interval.high))
-
-
-def _finite(name: str, values: NDArray[np.floating]) -> NDArray[np.float64]:
-    data = np.asarray(values, dtype=np.float64).ravel()
-    if not len(data) or not np.isfinite(data).all():
-        raise InputError(
-            "bootstrap",
-            f"{name}: {len(data)} values, {int((~np.isfinite(data)).sum())} not finite",
-            "one or more finite values",
-        )
-    return data
 
 
 def _bootstrap(samples: tuple[NDArray[np.float64], ...], statistic: Callable[..., Any], seed: int) -> Interval:

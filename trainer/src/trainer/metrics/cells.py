@@ -85,12 +85,8 @@ def visible_cells(image: NDArray[np.floating], noise_power: float, channels: int
     :param image: [R, U] truth, linear magnitude [sqrt(W)]
     :param noise_power: of one channel in one range-Doppler cell [W]; 0 where there is no noise
     :param channels: C, how many the method uses
-    :raises InputError: no image, one that is not finite, a negative noise power, no channels
+    :raises InputError: no image, or one that is not finite
     """
-    if not noise_power >= 0.0 or channels < 1:
-        raise InputError(
-            "truth cells", f"noise_power = {noise_power!r}, channels = {channels!r}", "no negative power, one channel"
-        )
     magnitude = _image("truth", image)
     least = np.sqrt(db_to_power(LEAST_SNR_DB) * noise_power / channels)
     places = local_maxima(magnitude)

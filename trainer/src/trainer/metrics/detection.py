@@ -16,8 +16,6 @@ from scipy.ndimage import maximum_filter1d
 from scipy.optimize import linear_sum_assignment
 from scipy.signal import find_peaks
 
-from shared.physics.errors import InputError
-
 THRESHOLD = 0.5
 """Height of a peak that counts, of the row's maximum (paper, section IV-C)."""
 TRUTH_PROMINENCE = 0.05
@@ -74,11 +72,7 @@ def find_image_peaks(image: NDArray[np.floating], threshold: float = THRESHOLD) 
 
     Those that :func:`scipy.signal.find_peaks` finds in each row, with their prominences; none of an empty row. The
     first and the last bin are no peaks.
-
-    :raises InputError: no image
     """
-    if np.ndim(image) != 2:
-        raise InputError("image", f"shape {np.shape(image)}", "an image [R, U]")
     magnitude = np.asarray(image, dtype=np.float64)
     rows, columns = magnitude.shape
     top = magnitude.max(axis=1, initial=0.0)[:, None]
@@ -99,9 +93,7 @@ def paper_sweep(detected: ImagePeaks, true: ImagePeaks, prominences: Sequence[fl
 
     :param detected: of the estimate, of any prominence
     :param true: of the truth, of the prominence that makes one
-    :raises InputError: peaks of images of different shapes
     """
-    _same_shape(detected, true)
     # A truth's bins and those within d_max of it, and the most prominent detection within d_max of each bin.
     truth = np.zeros(true.shape, dtype=bool)
     truth[true.rows, true.bins] = True
@@ -129,10 +121,7 @@ def strict_counts(detected: ImagePeaks, true: ImagePeaks, d_max: float) -> Count
     """One-to-one counts of an image over all its rows, those without a truth too: there every detection is false.
 
     Each detection serves one truth and each truth one detection, see :func:`match`.
-
-    :raises InputError: peaks of images of different shapes
     """
-    _same_shape(detected, true)
     rows = zip(detected.by_row(), true.by_row(), strict=True)
     matched = sum(len(match(found.astype(np.float64), truth.astype(np.float64), d_max)) for found, truth in rows)
     return Counts(matched, len(detected.bins) - matched, len(true.bins) - matched)
@@ -166,8 +155,3 @@ def half_separation(true: NDArray[np.float64]) -> NDArray[np.float64]:
     distance = np.abs(np.subtract.outer(true, true))
     np.fill_diagonal(distance, np.inf)
     return 0.5 * distance.min(axis=1)
-
-
-def _same_shape(detected: ImagePeaks, true: ImagePeaks) -> None:
-    if detected.shape != true.shape:
-        raise InputError("images", f"shapes {detected.shape} and {true.shape}", "two images [R, U]")

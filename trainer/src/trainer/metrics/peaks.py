@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import find_peaks
 
-from shared.physics.errors import InputError
 from trainer.estimators.array import LineArray
 
 
@@ -28,12 +27,7 @@ def strongest_peaks(image: NDArray[np.floating], u: NDArray[np.floating], count:
 
 
 def resolved(found: NDArray[np.floating], true: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """[T] whether both errors are below half the separation; found and true are [T, 2], both rising.
-
-    :raises InputError: not two angles each
-    """
-    if np.shape(found) != np.shape(true) or np.ndim(true) != 2 or np.shape(true)[1] != 2:
-        raise InputError("resolution", f"shapes {np.shape(found)} and {np.shape(true)}", "[trials, 2] both")
+    """[T] whether both errors are below half the separation; found and true are [T, 2], both rising."""
     half = 0.5 * (true[:, 1] - true[:, 0])
     # NaN, a target not found, compares false.
     return np.all(np.abs(found - true) < half[:, None], axis=1)
@@ -43,11 +37,8 @@ def single_source_bound(array: LineArray, snr: float) -> float:
     """Least variance of u for one source, 1 / (2 SNR k^2 sum (p - mean p)^2), k = 2 pi / lambda.
 
     :param snr: per channel, after range and Doppler processing, linear
-    :raises InputError: elements all at one place, or an SNR that is not positive
     """
     spread = float(np.sum((array.positions_m - array.positions_m.mean()) ** 2))
-    if not (snr > 0.0 and spread > 0.0):
-        raise InputError("bound", f"snr = {snr!r}, sum of squares {spread!r} m^2", "both positive")
     return 1.0 / (2.0 * snr * (2.0 * np.pi / array.wavelength_m) ** 2 * spread)
 
 
@@ -55,11 +46,7 @@ def noise_level(array: LineArray, noise_power: float, probability: float) -> flo
     """Magnitude that delay-and-sum of noise exceeds at any one angle with this probability [sqrt(W)].
 
     |I|^2 of noise is exponential of mean sigma^2 / C, so that the level is sqrt(-ln(probability) sigma^2 / C).
-
-    :raises InputError: a probability not between 0 and 1
     """
-    if not 0.0 < probability < 1.0:
-        raise InputError("noise level", f"probability = {probability!r}", "a number between 0 and 1")
     return float(np.sqrt(-np.log(probability) * noise_power / array.channels))
 
 
@@ -94,13 +81,9 @@ def point_spread(spectrum: NDArray[np.floating], u: NDArray[np.floating]) -> Poi
     Peak and -3 dB points are those of the cubic spline through the power |I|^2, which is band limited where the image
     is the magnitude of a beam; sidelobes are those of the samples. A lobe narrower than two bins is no better known
     than its samples: a single bin measures 1.2.
-
-    :raises InputError: fewer than 4 samples, or negative or not finite magnitudes
     """
     row = np.asarray(spectrum, dtype=np.float64)
     axis = np.asarray(u, dtype=np.float64)
-    if row.ndim != 1 or row.shape != axis.shape or len(row) < 4 or not np.isfinite(row).all() or (row < 0.0).any():
-        raise InputError("spectrum", f"shape {row.shape} on an axis {axis.shape}", "4 or more finite magnitudes on u")
     top = float(row.max())
     if top == 0.0:
         return None

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shared.physics.errors import InputError
 from trainer.metrics.bootstrap import UNDEFINED, Interval, bootstrap_frames
 from trainer.metrics.cells import CellScores
 
@@ -46,12 +45,15 @@ class Ranking:
 
         The precision is M / (M + F) of the M matched detections and F false alarms of at least that score.
         """
-        return float(self._values(())[0])
+        return float(self.values(())[0])
 
-    def detection_probability(self, false_alarms: float) -> float:
-        """Share of the truth cells that is detected at the lowest threshold of at most ``false_alarms`` a frame; NaN
-        without truth cells."""
-        return float(self._values((false_alarms,))[1])
+    def values(self, false_alarms: Sequence[float]) -> NDArray[np.float64]:
+        """[1 + false_alarms] the average precision, then for each number of false alarms a frame the share of the truth
+        cells that is detected at the lowest threshold of at most as many; NaN without truth cells."""
+        if not self.defined:
+            return np.full(1 + len(false_alarms), np.nan)
+        matched, false = self._counts()
+        return _scores(matched[None], false[None], self.truths.sum()[None], len(self.truths), false_alarms)[:, 0]
 
     def curve(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """([g] false alarms a frame, [g] detection probability) at each score, falling; empty without truth cells."""
@@ -61,9 +63,8 @@ class Ranking:
         return false / len(self.truths), matched / self.truths.sum()
 
     def intervals(self, false_alarms: Sequence[float], seed: int = 0) -> list[Interval]:
-        """Average precision, then the detection probability at each number of false alarms a frame, with their
-        intervals over the frames; NaN without truth cells."""
-        values = self._values(false_alarms)
+        """:meth:`values` with their intervals over the frames."""
+        values = self.values(false_alarms)
         frames = len(self.truths)
         if not self.defined:
             return [UNDEFINED for _ in values]
@@ -82,12 +83,6 @@ class Ranking:
             return _scores(drawn @ matched, drawn @ false, drawn @ self.truths, len(self.truths), false_alarms)
 
         return values
-
-    def _values(self, false_alarms: Sequence[float]) -> NDArray[np.float64]:
-        if not self.defined:
-            return np.full(1 + len(false_alarms), np.nan)
-        matched, false = self._counts()
-        return _scores(matched[None], false[None], self.truths.sum()[None], len(self.truths), false_alarms)[:, 0]
 
     def _counts(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """([g] matched detections, [g] false alarms) down to each score."""
@@ -110,12 +105,7 @@ class Ranking:
 
 
 def pooled(frames: Sequence[CellScores]) -> Ranking:
-    """The frames in one ranking.
-
-    :raises InputError: no frames
-    """
-    if not frames:
-        raise InputError("ranking", "no frames", "the scores of one or more")
+    """The frames, one or more, in one ranking."""
     score = np.concatenate([part for one in frames for part in (one.matched, one.false_alarms)])
     sizes = np.array([(len(one.matched), len(one.false_alarms)) for one in frames])
     frame = np.repeat(np.arange(len(frames)), sizes.sum(axis=1))
@@ -132,13 +122,9 @@ def average_precision(ranking: Ranking, less: Ranking | None = None, seed: int =
 
     The frames are drawn again for both together, so that what a hard frame costs both is not counted as a difference:
     the interval of a difference is as a rule much narrower than those of the two numbers.
-
-    :raises InputError: rankings of other frames
     """
     if less is None:
         return ranking.intervals((), seed)[0]
-    if not np.array_equal(ranking.truths, less.truths):
-        raise InputError("ranking", "two of other frames", "two of the same frames")
     if not ranking.defined:
         return UNDEFINED
     of_ranking, of_less = ranking._of_draws(()), less._of_draws(())

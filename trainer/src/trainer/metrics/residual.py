@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
-from shared.physics.errors import InputError
 from trainer.estimators.array import LineArray, check_snapshots
 from trainer.estimators.lines import RIDGE, line_amplitudes, refine_lines
 from trainer.metrics.detection import find_image_peaks
@@ -64,12 +63,9 @@ def explain(
     out raises that by less than -sigma^2 ln(1e-4); they are taken out one by one, the weakest first, so that of two
     peaks of one target one stays.
 
-    :raises InputError: image and snapshots that do not fit each other, a negative noise power
+    :raises InputError: snapshots that are not those of the array, or not finite
     """
     check_snapshots(snapshots, array)
-    if np.shape(image) != (len(snapshots), len(u)) or not noise_power >= 0.0:
-        problem = f"an image {np.shape(image)} and noise_power = {noise_power!r}"
-        raise InputError("residual", problem, f"an image {(len(snapshots), len(u))} and a power of at least 0 W")
     most = array.channels // 2
     limits = gammaincinv(array.channels - np.arange(most + 1), 1.0 - FIT_PROBABILITY)
     rows = np.asarray(snapshots, dtype=np.complex128)

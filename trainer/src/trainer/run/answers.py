@@ -20,7 +20,7 @@ from trainer.data.arrays import ArrayChoice
 from trainer.data.measurements import Measurement
 from trainer.data.motion import seen_motion
 from trainer.estimators.adaptive import VirtualView
-from trainer.estimators.base import ESTIMATORS, Estimator, LineArray, NoisePower, line_array
+from trainer.estimators.base import ESTIMATORS, Estimator, LineArray, line_array
 from trainer.estimators.das import DelayAndSum
 from trainer.metrics.cells import CellScores, score_cells
 from trainer.run.detections import new_peaks
@@ -209,11 +209,12 @@ class EstimatorAnswer(Answer):
         model_error_db: float = NO_MODEL_ERROR_DB,
         world: StaticWorld | None = None,
     ) -> Images:
-        found = []
-        for index, matrix in enumerate(range_channel):
-            rows = matrix[:, self.channels]
-            noise = row_noise(rows, noise_power, model_error_db) if model_error_db > NO_MODEL_ERROR_DB else noise_power
-            found.append(self._rows(self.estimator, rows, self.line, noise, None if world is None else world[index]))
+        noise = noise_power, model_error_db
+        worlds = [None if world is None else world[index] for index in range(len(range_channel))]
+        rows = (matrix[:, self.channels] for matrix in range_channel)
+        found = [
+            self._rows(self.estimator, one, self.line, noise, known) for one, known in zip(rows, worlds, strict=True)
+        ]
         return np.stack(found), None
 
     def _rows(
@@ -221,13 +222,15 @@ class EstimatorAnswer(Answer):
         estimator: Estimator,
         rows: NDArray[np.complexfloating],
         line: LineArray,
-        noise: NoisePower,
+        noise: tuple[float, float],
         world: StaticWorld | None,
     ) -> NDArray[np.float64]:
-        """[n, U] of rows [n, C]."""
-        if world is not None and isinstance(estimator, VirtualView) and estimator.told:
-            return estimator.image(rows, line, self.radar.grid.u, noise, world.prior)
-        return estimator.image(rows, line, self.radar.grid.u, noise)
+        """[n, U] of rows [n, C] in noise of this power and model error."""
+        power, model_error_db = noise
+        told = row_noise(rows, power, model_error_db) if model_error_db > NO_MODEL_ERROR_DB else power
+        if world is not None and isinstance(estimator, VirtualView):
+            return estimator.image(rows, line, self.radar.grid.u, told, world.prior)
+        return estimator.image(rows, line, self.radar.grid.u, told)
 
     def das(self, range_channel: NDArray[np.complexfloating]) -> NDArray[np.floating]:
         return replace(self, estimator=DelayAndSum()).images(range_channel, 0.0)[0]
@@ -242,9 +245,7 @@ class EstimatorAnswer(Answer):
     def _images(self, estimator: Estimator, measurement: Measurement) -> NDArray[np.float64]:
         new = new_peaks(measurement.velocity)
         rows, line = self._elements(np.asarray(measurement.range_channel)[new])
-        noise: float | NDArray[np.float64] = measurement.noise_power
-        if measurement.measured:
-            noise = np.asarray(row_noise(rows, measurement.noise_power, measurement.model_error_db))
+        noise = measurement.noise_power, measurement.model_error_db
         world = self._world(measurement)
         images = np.zeros((*new.shape, self.radar.grid.bins))
         images[new] = self._rows(estimator, rows, line, noise, None if world is None else world[new])

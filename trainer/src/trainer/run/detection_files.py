@@ -12,7 +12,6 @@ import numpy as np
 import pyarrow as pa
 
 from shared.dataset.writing import write_text
-from shared.physics.errors import InputError
 from shared.signal.ego_motion import EgoMotion
 from trainer.run.detections import Detections
 
@@ -39,12 +38,6 @@ MOTION_UNITS = {"forward": "m/s", "left": "m/s", "forward_std": "m/s, 0 if told"
 MOTION = pa.field("motion", pa.struct([pa.field(name, pa.float64(), nullable=False) for name in MOTION_UNITS]))
 """Null where it is not known."""
 PCD_FIELDS = ("x", "y", "z", "intensity", "velocity", "probability", "moving")
-
-
-def check_format(name: str) -> None:
-    """:raises InputError: not one of :data:`FORMATS`"""
-    if name not in FORMATS:
-        raise InputError("--points-format", repr(name), " or ".join(FORMATS))
 
 
 def records(found: Detections) -> list[dict[str, float | None]]:

@@ -63,9 +63,6 @@ def scene_records(manifest: Mapping[str, Any]) -> tuple[SceneRecord, ...] | None
 
     A dataset of close targets alone has none.
     """
-    entries = manifest.get("scenes")
-    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        return None
     try:
         return tuple(
             SceneRecord(
@@ -73,7 +70,7 @@ def scene_records(manifest: Mapping[str, Any]) -> tuple[SceneRecord, ...] | None
                 content_sha256=entry["content_sha256"],
                 populate=entry["population"]["populate"] if "population" in entry else None,
             )
-            for entry in entries
+            for entry in manifest["scenes"]
         )
     except (KeyError, TypeError, ValidationError):
         return None

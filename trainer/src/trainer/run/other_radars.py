@@ -12,8 +12,6 @@ The array enters a network's input through the elements' positions in wavelength
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,22 +34,10 @@ RANGE_DIGITS = 1e-9
 """Range steps, relative, and positions, in wavelengths, that differ by less are the same."""
 
 
-@dataclass(frozen=True, eq=False)
-class Fitted:
-    """A run's imager for the cubes of a radar.
-
-    :param imager: of range-channel matrices with all channels of the cube
-    :param channels: [C] of those which it looks at
-    :param remarks: what is not as in training, a line each
-    """
-
-    imager: Imager
-    channels: NDArray[np.intp]
-    remarks: tuple[str, ...]
-
-
-def fitted_imager(run: Run, imager: Imager, run_source: str, radar: Radar, source: str) -> Fitted:
-    """The run's imager for cubes of ``radar``.
+def fitted_imager(
+    run: Run, imager: Imager, run_source: str, radar: Radar, source: str
+) -> tuple[Imager, NDArray[np.intp], list[str]]:
+    """(a run's imager for cubes of ``radar``, [C] its channels that it looks at, remarks: what is not as in training).
 
     :param run_source, source: of run and cube, for messages
     :raises InputError: an array without the run's elements; it names what differs and the commands that train for it
@@ -69,7 +55,7 @@ def fitted_imager(run: Run, imager: Imager, run_source: str, radar: Radar, sourc
     if radar.grid != run.radar.grid:
         remarks.append(f"imaged at the run's {run.radar.grid.bins} angles")
     if own.shape == there.shape and np.abs(own - there).max() < RANGE_DIGITS:
-        return Fitted(imager, wanted, tuple(remarks))
+        return imager, wanted, remarks
     found, misfit, stretch = matching_elements(own[wanted], there)
     tolerance = position_tolerance(run)
     ordered = run.config.features not in ORDERED or bool((np.diff(found) > 0).all())
@@ -80,7 +66,7 @@ def fitted_imager(run: Run, imager: Imager, run_source: str, radar: Radar, sourc
         f"{len(found)} of its {radar.array.channels} channels stand as those of {run.array.name!r} in the run"
         f"{stretched}, within {misfit:.3f} wavelengths of {tolerance:.3f} allowed"
     )
-    return Fitted(_imager_at(run, imager, there, found), found, tuple(remarks))
+    return _imager_at(run, imager, there, found), found, remarks
 
 
 def matching_elements(wanted: NDArray[np.float64], there: NDArray[np.float64]) -> tuple[NDArray[np.intp], float, float]:

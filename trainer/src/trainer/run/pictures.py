@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from shared.dataset import METADATA_KEY
 from shared.dataset.writing import write_bytes
-from shared.physics.errors import InputError, figure_text
+from shared.physics.errors import figure_text
 from shared.pictures import COLOUR_MAP, LEVEL_LABEL, SPAN_DB, draw_levels, range_weighted_db, save_figure
 from shared.radar import Radar
 
@@ -82,13 +82,8 @@ def save_animation(images: Path, path: Path) -> int:
     by velocity, their area by level x range.
 
     :param images: as ``trainer predict --points`` writes it
-    :raises InputError: a file without detections or frames
     """
     file = pq.ParquetFile(images)
-    if "detections" not in file.schema_arrow.names:
-        raise InputError(images, "no detections", "a file of trainer predict --points")
-    if not file.metadata.num_rows:
-        raise InputError(images, "no frames", "one at least")
     about = json.loads(file.schema_arrow.metadata[METADATA_KEY])
     shape, axes = about["shapes"]["image"], about["axes"]
     step_m, u_start, u_step = axes["range_m"]["step"], axes["u"]["start"], axes["u"]["step"]

@@ -26,9 +26,9 @@ from trainer.run.answers import Answer, NetworkAnswer, check_method, estimator_a
 from trainer.run.detection_files import (
     COLUMN,
     CSV_FILE,
+    FORMATS,
     MOTION,
     MOTION_UNITS,
-    check_format,
     column,
     motion_column,
     write_csv,
@@ -38,7 +38,7 @@ from trainer.run.detection_files import UNITS as DETECTION_UNITS
 from trainer.run.detections import Detections
 from trainer.run.folder import load_imager, output_folder, same_radar
 from trainer.run.imager import precision_remark
-from trainer.run.predictor import CubesOf, Motions, PointsRequest, Prediction, Predictor, answer_for_cubes
+from trainer.run.predictor import Motions, PointsRequest, Prediction, Predictor, answer_for_cubes
 
 IMAGES = "images.parquet"
 
@@ -78,7 +78,8 @@ class PredictRequest:
     mounting_yaw_deg: float = 0.0
 
     def __post_init__(self) -> None:
-        check_format(self.points_format)
+        if self.points_format not in FORMATS:
+            raise InputError("--points-format", repr(self.points_format), " or ".join(FORMATS))
         if self.points_format != "parquet" and not self.points:
             raise InputError("--points-format", f"{self.points_format!r} without --points", "--points beside it")
         if self.listed != PointsRequest() and not self.points:
@@ -162,9 +163,8 @@ def _open(request: PredictRequest, announce: Callable[[str], object]) -> tuple[A
         assert request.method is not None
         return estimator_answer(request.method, found, measurements.dead_channels), measurements
     if not measurements.dataset:
-        dead = measurements.dead_channels
-        cubes = CubesOf(found, str(request.source), dead)
-        return answer_for_cubes(*loaded, str(request.run), cubes, announce), measurements
+        about = str(request.source), measurements.dead_channels
+        return answer_for_cubes(*loaded, str(request.run), found, announce, *about), measurements
     run, imager = loaded
     same_radar(run.radar, str(request.run), found, str(request.source))
     imager.to("cuda" if torch.cuda.is_available() else "cpu")

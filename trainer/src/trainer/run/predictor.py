@@ -141,7 +141,7 @@ class Predictor:
             answer: Answer = estimator_answer(str(model), radar, ())
         elif Path(model).is_dir() or model in pretrained_names():
             folder = Path(model) if Path(model).is_dir() else pretrained_run(str(model))
-            answer = answer_for_cubes(*load_imager(folder), str(folder), CubesOf(radar), lambda _: None)
+            answer = answer_for_cubes(*load_imager(folder), str(folder), radar, lambda _: None)
         else:
             known = [*pretrained_names(), *ESTIMATORS]
             raise InputError("model", f"{str(model)!r}", f"the folder of a run, or one of {', '.join(known)}")
@@ -178,31 +178,25 @@ def merge_peaks(
     return images.max(axis=0), np.take_along_axis(velocity.T, images.argmax(axis=0), axis=1)
 
 
-@dataclass(frozen=True)
-class CubesOf:
-    """Where cubes come from.
-
-    :param source: for messages
-    :param dead: channels without an echo
-    """
-
-    radar: Radar
-    source: str = "the cube"
-    dead: tuple[int, ...] = ()
-
-
 def answer_for_cubes(
-    run: Run, imager: Imager, name: str, cubes: CubesOf, announce: Callable[[str], object]
+    run: Run,
+    imager: Imager,
+    name: str,
+    radar: Radar,
+    announce: Callable[[str], object],
+    source: str = "the cube",
+    dead: tuple[int, ...] = (),
 ) -> NetworkAnswer:
     """The network of a run, for cubes.
 
-    :param name: of the run, for messages
+    :param name, source: of run and cubes, for messages
+    :param dead: channels without an echo
     :raises InputError: an array without its elements
     """
-    fitted = fitted_imager(run, imager, name, cubes.radar, cubes.source)
-    for remark in fitted.remarks:
+    fitted, channels, remarks = fitted_imager(run, imager, name, radar, source)
+    for remark in remarks:
         announce(remark)
-    if blind := sorted(set(fitted.channels.tolist()) & set(cubes.dead)):
-        announce(f"the network looks at channels {blind} of {cubes.source}, which are dead")
-    fitted.imager.to("cuda" if torch.cuda.is_available() else "cpu")
-    return network_answer(run, fitted.imager, fitted.channels, cubes.radar)
+    if blind := sorted(set(channels.tolist()) & set(dead)):
+        announce(f"the network looks at channels {blind} of {source}, which are dead")
+    fitted.to("cuda" if torch.cuda.is_available() else "cpu")
+    return network_answer(run, fitted, channels, radar)

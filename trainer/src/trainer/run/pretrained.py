@@ -8,13 +8,12 @@ from pathlib import Path
 from shared.physics.errors import InputError, meant
 from trainer.run.folder import RUN_FILE
 
-FOLDER = "pretrained"
+FOLDER = Path(str(files("trainer.run"))) / "pretrained"
 
 
 def pretrained_names() -> tuple[str, ...]:
     """The arrays that there are trained networks for."""
-    folder = _folder()
-    return tuple(sorted(path.name for path in folder.iterdir() if (path / RUN_FILE).is_file()))
+    return tuple(sorted(path.name for path in FOLDER.iterdir() if (path / RUN_FILE).is_file()))
 
 
 def pretrained_run(name: str) -> Path:
@@ -25,8 +24,4 @@ def pretrained_run(name: str) -> Path:
     known = pretrained_names()
     if name not in known:
         raise InputError("--pretrained", repr(name), f"one of {', '.join(known)}{meant(name, known)}")
-    return _folder() / name
-
-
-def _folder() -> Path:
-    return Path(str(files("trainer.run"))) / FOLDER
+    return FOLDER / name

@@ -156,8 +156,8 @@ def fitting_networks(
         try:
             run, imager = load_imager(path)
             radar = measured.radar or snapshot_radar(measured, run.radar)
-            fitted = fitted_imager(run, imager, str(path), radar, str(measured.path))
-            answer = network_answer(run, fitted.imager, fitted.channels, radar)
+            fitted, channels, _ = fitted_imager(run, imager, str(path), radar, str(measured.path))
+            answer = network_answer(run, fitted, channels, radar)
             if (_elements(measured, answer) < 0).any():
                 problem = f"a channel of {run.array.name!r} is dead or off the line"
                 raise InputError(measured.path, problem, "all of them alive")
