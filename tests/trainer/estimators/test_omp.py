@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 from paper_arrays import ARRAYS, U, echoes, noise, some_rows
@@ -31,7 +33,7 @@ def test_newtonised_omp_leaves_the_grid() -> None:
 
 
 @pytest.mark.parametrize("stop", ["noise", "cfar"])
-def test_omp_of_noise_alone_keeps_its_false_alarm_rate(stop: str) -> None:
+def test_omp_of_noise_alone_keeps_its_false_alarm_rate(stop: Literal["noise", "cfar"]) -> None:
     rows = 3000
     for array in (ARRAYS["sparse6"], ARRAYS["sparse4"]):
         x = noise(array, rows, 4.0, np.random.default_rng(11))

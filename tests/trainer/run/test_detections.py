@@ -15,6 +15,7 @@ from tiny_radar import small_dataset
 from tiny_run import make_run
 from typer.testing import CliRunner
 
+from shared.physics.errors import InputError
 from shared.signal import if_signal
 from shared.signal.windows import cell_noise_power, hann
 from trainer.cli.app import app
@@ -143,6 +144,17 @@ def test_a_strong_target_between_bins_is_one_line_whose_place_its_cells_tell(see
     found = detect(at_rest([150.5], [0.2], [60.0], seed), np.zeros((1, 630)))
     assert (found.range_std <= 0.5 * STEP).all()  # PLACED_BINS
     assert found.range_m / STEP == pytest.approx([150.5], abs=0.06)  # OWN_BINS
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_target_in_the_bin_beside_a_stronger_one_is_fitted_in_its_group(seed: int) -> None:
+    """Only the strongest of three neighbouring bins is a centre: what stands in the others is told there, once."""
+    ranges, u = [150.1, 151.0, 148.9], [0.2, -0.4, 0.6]
+    found = detect(at_rest(ranges, u, [40.0, 25.0, 20.0], seed), np.zeros((1, 630)))
+    for bins, angle in zip(ranges, u, strict=True):
+        (index,) = np.flatnonzero(np.abs(found.u - angle) < 0.02)
+        assert abs(found.range_m[index] / STEP - bins) < 5.0 * found.range_std[index] / STEP + 1e-2
+        assert found.range_std[index] < 0.2 * STEP
 
 
 def test_a_pair_between_bins_is_two_in_one_of_its_bins_and_stays_two() -> None:
@@ -307,3 +319,9 @@ def test_all_cells_of_a_cube_list_what_the_three_peaks_leave_out(tmp_path) -> No
     assert sum(listed["peaks"]) <= 9  # three in each of the three range bins that see them
     assert all(listed["all"])
     assert len(found) <= 14
+
+
+def test_shapes_that_do_not_fit_are_refused() -> None:
+    cells = Cells(np.zeros((1, 6, 18), np.complex64), np.zeros((1, 6), np.float32))
+    with pytest.raises(InputError, match="detections"):
+        find_detections(np.zeros((1, 5, 450)), None, cells, RADAR, ARRAY, Sought(NOISE))

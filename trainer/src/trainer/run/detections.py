@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from shared.physics.errors import InputError
 from shared.physics.units import amplitude_to_db, db_to_power, power_to_db
 from shared.radar import Radar
 from shared.signal.ego_motion import EgoMotion, moving_probability
@@ -133,8 +134,12 @@ def find_detections(
     :param image: [D, R, U] of each Doppler peak; the fit begins with the peaks of image * sqrt(probability)
     :param probability: [D, R, U] of a target, None for a network without a detection head
     :param seen: in the channels of ``array``; a cell that repeats an earlier one of its range bin is left out
+    :raises InputError: shapes that do not fit
     """
     snapshots, velocity, centre = seen.range_channel, seen.velocity, seen.centre
+    expected = (*np.shape(snapshots)[:2], radar.grid.bins)
+    if np.shape(image) != expected or np.shape(velocity) != expected[:2]:
+        raise InputError("detections", f"an image {np.shape(image)}, velocities {np.shape(velocity)}", f"{expected}")
     new, waveform, axis = new_peaks(velocity), radar.waveform, radar.grid.u
     cells = np.rint(np.asarray(velocity, dtype=np.float64) / waveform.velocity_step_mps).astype(np.int64)
     range_m = np.maximum(np.arange(snapshots.shape[1]), 1) * waveform.range_step_m
