@@ -32,9 +32,7 @@ def fake_library(folder, name):
     [
         ("libLLVM-15.so.1", "15"),
         ("libLLVM-15.0.6.so", "15.0.6"),
-        ("libLLVM-17.so", "17"),
         ("libLLVM.so.23.1", "23.1"),
-        ("libLLVM.so.18.1", "18.1"),
         ("libLLVM-19.dylib", "19"),
     ],
 )

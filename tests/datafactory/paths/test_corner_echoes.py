@@ -23,7 +23,7 @@ from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, scene_of
 from slab_coefficients import slab_reflection
 
 from datafactory.paths import corner_echoes
-from datafactory.paths.corner_aperture import ACROSS, Cells, FaceOrder, Views, cells_along, integrals, pieces_in_sight
+from datafactory.paths.corner_aperture import Cells, Views, cells_along, pieces_in_sight
 from datafactory.paths.corner_edges import CornerEdges
 from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings
@@ -168,18 +168,6 @@ def seen_corners() -> tuple[CornerEdges, Views, Cells]:
     corners = corners_seen(scene_of(*faces)).take(facing)
     assert len(corners) >= len(CORNERS)
     return corners, views, cells_along(corners, views, WAVELENGTH_M)
-
-
-def test_the_sum_over_all_of_the_aperture_is_that_of_its_pieces(seen_corners) -> None:
-    _, views, cells = seen_corners
-    pieces = integrals(cells, views, WAVELENGTH_M, np.ones((2, len(cells.corner), ACROSS), dtype=bool))
-    whole, along = np.zeros_like(pieces), cells.shares_along(WAVELENGTH_M)
-    for order in (0, 1):
-        one = FaceOrder.of(cells, views, order)
-        ends = (one.share_to(b, WAVELENGTH_M) for b in (one.end(), np.zeros(len(along))))
-        np.add.at(whole[order], cells.corner, along * np.subtract(*ends))
-    np.testing.assert_allclose(whole, pieces, rtol=0.0, atol=1e-13)
-    assert np.abs(pieces).max() > 0.1
 
 
 def test_a_leg_behind_a_hidden_one_is_not_looked_at_and_nothing_else_changes(seen_corners) -> None:

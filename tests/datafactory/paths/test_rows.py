@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from oracles import mirror_path, mirrored
 
-from datafactory.paths.rows import image_seen_from_tx, mirrored_velocity, tx_image_seen_from_rx
+from datafactory.paths.rows import image_seen_from_tx, tx_image_seen_from_rx
 from shared.physics.vectors import unit
 
 Plane = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -31,21 +31,6 @@ def random_chain(
 
 def moved(planes: list[Plane], velocities: NDArray[np.float64], time_s: float) -> list[Plane]:
     return [(origin + velocity * time_s, normal) for (origin, normal), velocity in zip(planes, velocities, strict=True)]
-
-
-def test_unit_vectors():
-    np.testing.assert_allclose(unit(np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0]])), [[0.6, 0.8, 0.0], [0.0, 0.0, 0.0]])
-
-
-def test_velocity_of_an_image_is_its_displacement():
-    generator = np.random.default_rng(2)
-    for _ in range(10):
-        plane = (generator.normal(size=3), unit(generator.normal(size=3)))
-        point, velocity, mirror_velocity = generator.normal(size=(3, 3))
-        # Constant velocities and a plane that does not turn: linear in time, so that a second is a derivative.
-        later = mirrored(point + velocity, (plane[0] + mirror_velocity, plane[1]))
-        found = mirrored_velocity(velocity[None], plane[1][None], mirror_velocity[None])[0]
-        np.testing.assert_allclose(found, later - mirrored(point, plane), atol=1e-12)
 
 
 @pytest.mark.parametrize("mirrors", [0, 1, 2])

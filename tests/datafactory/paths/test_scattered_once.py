@@ -49,13 +49,11 @@ def solved(*objects: SceneObject, rays: int, pose: Pose = HERE, **settings) -> B
     return solver_module.solve(scene, merged, pose, chosen, RayFan(rays), 1).bundle
 
 
-def chance_of(part: Bundle, merged: MergedScene, specular: bool = True) -> NDArray[np.float64]:
+def chance_of(part: Bundle, merged: MergedScene) -> NDArray[np.float64]:
     """[n] probability with which the solver follows these bounces: 1 - S^2 a mirror, S^2 the diffuse one, last."""
     squared = np.concatenate([np.full(len(mesh.triangles), ROUGHNESS[mesh.material] ** 2) for mesh in merged.meshes])
     share = squared[part.triangles]
-    return (
-        np.prod(np.where(part.interactions == DIFFUSE, share, 1.0 - share), axis=1) if specular else np.ones(len(share))
-    )
+    return np.asarray(np.prod(np.where(part.interactions == DIFFUSE, share, 1.0 - share), axis=1))
 
 
 def kind(bundle: Bundle, bounces: int) -> Bundle:
@@ -99,18 +97,6 @@ def test_every_path_of_the_solver_is_found_with_its_amplitude(polarization):
         np.testing.assert_array_equal(ours.objects[index], theirs.objects)
         np.testing.assert_array_equal(ours.triangles[index], theirs.triangles)
         np.testing.assert_allclose(ours.velocities[index], theirs.velocities, atol=1e-12)
-
-
-@pytest.mark.parametrize("bounces", [1, 2])
-def test_total_power_is_the_solvers(bounces):
-    # Power of the solver's estimator: mean p, variance p^2 (1 / chance - 1) a ray, p that of the ray here.
-    rays = 60_000
-    ours = once_of(*CORNER, rays=rays, depth=bounces)[-1]
-    theirs = kind(solved(*CORNER, rays=rays, depth=bounces), bounces)
-    power, estimated = np.abs(ours.amplitude) ** 2, np.abs(theirs.amplitude) ** 2
-    variance = power**2 * (1.0 / chance_of(ours, merged_of(*CORNER)) - 1.0)
-    assert abs(power.sum() - estimated.sum()) < 3.0 * np.sqrt(variance.sum())
-    assert np.sqrt(variance.sum()) < 0.03 * power.sum()
 
 
 def test_rings_on_a_plane_have_the_integrals_power():
@@ -295,7 +281,6 @@ def test_across_the_polarization_a_surface_scatters_nothing():
 
 
 NORMAL = np.array([0.0, 0.0, 1.0])
-ANGLES_DEG = (0.0, 20.0, 45.0, 70.0, 89.0)
 
 
 def arriving(angle_deg: float) -> np.ndarray:
@@ -313,7 +298,7 @@ def share(pattern, arrival, departure):
 
 
 @pytest.mark.parametrize("pattern", ["lambertian", "backscattering"])
-@pytest.mark.parametrize("angle_deg", ANGLES_DEG)
+@pytest.mark.parametrize("angle_deg", [0.0, 20.0, 45.0, 70.0, 89.0])
 def test_nothing_is_lost_and_nothing_won(pattern, angle_deg):
     # Gauss-Legendre in cos(theta), trapezoid in azimuth: exact for these polynomials to rounding.
     node, weight = np.polynomial.legendre.leggauss(40)
@@ -323,17 +308,6 @@ def test_nothing_is_lost_and_nothing_won(pattern, angle_deg):
     values = share(pattern, arriving(angle_deg), np.stack([s * np.cos(a), s * np.sin(a), c], axis=1))
     total = (values.reshape(40, 64).mean(axis=1) * 2.0 * np.pi * 0.5 * weight).sum()
     assert total == pytest.approx(1.0, abs=1e-4)
-
-
-def test_the_way_back_from_a_tilted_plane():
-    angle = np.radians(np.array(ANGLES_DEG))
-    back = [float(share("lambertian", arriving(a), -arriving(a))[0]) for a in ANGLES_DEG]
-    np.testing.assert_allclose(back, np.cos(angle) / np.pi, rtol=1e-12)
-    lobes = [float(share("backscattering", arriving(a), -arriving(a))[0]) for a in ANGLES_DEG]
-    # At normal incidence both lobes are one, ((1 + c) / 2)^4, whose integral is 2 pi (1 - 1 / 32) / 5 * 2.
-    assert lobes[0] == pytest.approx(1.0 / (4.0 * np.pi / 5.0 * (1.0 - 1.0 / 32.0)), rel=1e-12)
-    # Back at grazing incidence one lobe alone is heard: half of it, over the same share of the half space.
-    assert lobes[-1] > 0.5 * lobes[0]
 
 
 @pytest.mark.usefixtures("variant")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, box, mesh, plate
+from sionna_scenes import FREQUENCY_HZ, MATERIALS, box, plate
 from turning_scenes import TURN_DEG_PER_S, merged_of, turning
 
 from datafactory.paths.edges import edges_of
 from datafactory.paths.facets import mirrors_of
-from datafactory.paths.merged_scene import MergedScene, barycentric, merge_scene
+from datafactory.paths.merged_scene import MergedScene, merge_scene
 from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import PathTable
@@ -134,17 +134,3 @@ def test_a_shifted_scene_keeps_its_shape_and_shares_what_was_found_of_it() -> No
     np.testing.assert_array_equal(by_material[0].velocity, [2.0, 0.0, 0.0])
     np.testing.assert_array_equal(merged.at(3.0).meshes[0].velocity, [0.0, 0.0, 0.0])
     assert merged.fastest_mps == 2.0
-
-
-def test_barycentric_weights_restore_the_point() -> None:
-    random = np.random.default_rng(1)
-    corners = random.normal(size=(50, 3, 3))
-    weights = random.dirichlet(np.ones(3), 50)
-    point = np.einsum("nc,nci->ni", weights, corners)
-    np.testing.assert_allclose(barycentric(corners, point), weights, atol=1e-9)
-    np.testing.assert_allclose(barycentric(np.zeros((1, 3, 3)), np.zeros((1, 3))), [[1 / 3] * 3])
-
-
-def test_the_order_of_merged_meshes_is_that_of_material_and_velocity() -> None:
-    still = mesh("a", CAR.vertices, CAR.triangles, "metal")
-    assert [m.turned is not None for m in merged_of(turning(CAR), still).meshes] == [True, False]
