@@ -333,7 +333,7 @@ def test_a_saddle_has_its_two_curvatures():
 
 def test_two_spheres_of_one_mesh_are_two_mirrors():
     vertices, triangles = sphere(0.5, 32)
-    two = joined((vertices, triangles), (vertices + [0.0, 3.0, 0.0], triangles))
+    two = joined((vertices, triangles), (vertices + np.array([0.0, 3.0, 0.0]), triangles))
     assert len(traced(body(two, (5.0, 0.3, 0.2)))) == 2
 
 
