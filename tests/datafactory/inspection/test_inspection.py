@@ -57,15 +57,19 @@ def make_frame(frame_id: int, targets: bool = True) -> Frame:
     )  # fmt: skip
 
 
+def written(folder, splits, make, **manifest):
+    """A dataset of these frames in shards of four."""
+    schema = arrow_schema(description(RADAR, 1, "range-channel"))
+    plans = plan_shards(splits, frames_per_shard=4)
+    shards = [write_shard(folder / plan.path, map(make, plan.frame_ids), schema) for plan in plans]
+    write_manifest(folder, {"version": VERSION, **manifest, "shards": [record.model_dump() for record in shards]})
+    return folder
+
+
 @pytest.fixture
 def directory(tmp_path):
-    directory = tmp_path / "data"
-    schema = arrow_schema(description(RADAR, 1, "range-channel"))
-    plans = plan_shards([split_of(index) for index in range(9)], frames_per_shard=4)
-    shards = [write_shard(directory / plan.path, map(make_frame, plan.frame_ids), schema) for plan in plans]
-    records = [record.model_dump() for record in shards]
-    write_manifest(directory, {"version": 1, "counts": {"targets left out [dB]": 7}, "shards": records})
-    return directory
+    splits = [split_of(index) for index in range(9)]
+    return written(tmp_path / "data", splits, make_frame, counts={"targets left out [dB]": 7})
 
 
 def run(*arguments):
@@ -247,13 +251,7 @@ def filmed_frame(frame_id: int) -> Frame:
 
 @pytest.fixture
 def dataset(tmp_path: Path) -> Dataset:
-    schema = arrow_schema(description(RADAR, 1, "range-channel"))
-    shards = [
-        write_shard(tmp_path / "data" / plan.path, map(filmed_frame, plan.frame_ids), schema)
-        for plan in plan_shards(SPLITS, frames_per_shard=4)
-    ]
-    write_manifest(tmp_path / "data", {"version": VERSION, "shards": [record.model_dump() for record in shards]})
-    return open_dataset(tmp_path / "data")
+    return open_dataset(written(tmp_path / "data", SPLITS, filmed_frame))
 
 
 def pictures(path: Path) -> list[np.ndarray]:
