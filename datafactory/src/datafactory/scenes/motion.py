@@ -21,9 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.chain import Chain, Operation, Samples, placed
+from datafactory.scenes.chain import Chain, Operation, Real, Samples, placed
 
-Real = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 RESTING_MPS = 1e-6

@@ -13,10 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.chain import Chain
-
-Real = NDArray[np.float64]
-
+from datafactory.scenes.chain import Chain, Real
 
 OTHER = "other"
 """Class of what moves and states none."""

@@ -24,12 +24,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from datafactory.scenes.ground import CLEARANCE_M, Ground
-from datafactory.scenes.motion import Track, Vector
-from datafactory.scenes.streets import SHARES
+from datafactory.scenes.motion import Real, Track, Vector
+from datafactory.scenes.streets import SHARES, Mask
 from datafactory.scenes.things import Strip
-
-Real = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 WIDTHS_M = (7.9, 5.6, 3.9)
 """Half widths that a road needs: with parked cars on both sides of two lanes, with two lanes, with one."""
