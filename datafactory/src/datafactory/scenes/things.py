@@ -39,6 +39,11 @@ class Strip:
         east, north = x - self.middle[0], y - self.middle[1]
         return cosine * east + sine * north, cosine * north - sine * east
 
+    def places(self, along: Real, left: Real) -> tuple[Real, Real]:
+        """World x and y [m] of points by their coordinates."""
+        cosine, sine = np.cos(self.heading_rad), np.sin(self.heading_rad)
+        return self.middle[0] + cosine * along - sine * left, self.middle[1] + sine * along + cosine * left
+
     def holds(self, x: Real, y: Real) -> NDArray[np.bool_]:
         """Whether points lie on it."""
         along, left = self.coordinates(x, y)
