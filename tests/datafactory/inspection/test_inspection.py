@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
-import typer
 from matplotlib.collections import QuadMesh
 from matplotlib.image import imread
 from object_store import serve
@@ -16,7 +15,6 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
-from datafactory.cli.inspection import inspect
 from datafactory.frame.index import split_of
 from datafactory.inspection import pictures as made
 from datafactory.inspection.dataset import summarise
@@ -73,9 +71,7 @@ def directory(tmp_path):
 
 
 def run(*arguments):
-    app = typer.Typer()
-    app.command()(inspect)
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return CliRunner().invoke(app, ["inspect", *map(str, arguments)])
 
 
 def test_the_summary_counts_every_frame_once(directory):
@@ -299,7 +295,7 @@ def test_a_film_that_is_too_large_leaves_pictures_out(
 
 
 def test_the_command_says_what_it_wrote(dataset: Dataset) -> None:
-    result = CliRunner().invoke(app, ["inspect", str(dataset.path), "--frames", "1"], catch_exceptions=False)
-    assert result.exit_code == 0
+    result = run(dataset.path, "--frames", 1)
+    assert result.exit_code == 0, result.output
     assert "sequence-0000.gif" in result.output
     assert "sequences" in result.output
