@@ -7,7 +7,7 @@ a hundredth of a millimetre: rounded to a whole one they would bend a post by as
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -81,6 +81,15 @@ def round_outline(radius: float, sides: int) -> Real:
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
+def _facets(levels: Sequence[tuple[float, Real]]) -> Iterator[tuple[int, int, Real]]:
+    """Band, strip and corners [4, 3] of every facet between outlines, one above the other."""
+    rings = [np.column_stack([outline, np.full(len(outline), z)]) for z, outline in levels]
+    for band, (low, high) in enumerate(pairwise(rings)):
+        for strip in range(len(low)):
+            beyond = (strip + 1) % len(low)
+            yield band, strip, np.array([low[strip], low[beyond], high[beyond], high[strip]])
+
+
 def loft(
     levels: Sequence[tuple[float, Real]],
     material: str | Callable[[int, int], str],
@@ -95,18 +104,16 @@ def loft(
     :param floor, lid: their materials; none where empty
     :param left_out: whether a facet is an opening
     """
-    rings = [np.column_stack([outline, np.full(len(outline), z)]) for z, outline in levels]
-    faces: list[tuple[ArrayLike, str]] = []
-    for band, (low, high) in enumerate(pairwise(rings)):
-        for strip in range(len(low)):
-            beyond = (strip + 1) % len(low)
-            if not left_out(band, strip):
-                of = material if isinstance(material, str) else material(band, strip)
-                faces.append((np.array([low[strip], low[beyond], high[beyond], high[strip]]), of))
+    faces: list[tuple[ArrayLike, str]] = [
+        (corners, material if isinstance(material, str) else material(band, strip))
+        for band, strip, corners in _facets(levels)
+        if not left_out(band, strip)
+    ]
+    bottom, top = (np.column_stack([outline, np.full(len(outline), z)]) for z, outline in (levels[0], levels[-1]))
     if floor:
-        faces.append((rings[0][::-1], floor))
+        faces.append((bottom[::-1], floor))
     if lid:
-        faces.append((rings[-1], lid))
+        faces.append((top, lid))
     return surface_of(faces)
 
 
@@ -120,25 +127,19 @@ def recess(
 
     :param inwards: from points [n, 3] of the opening to those of its ground
     """
-    rings = [np.column_stack([outline, np.full(len(outline), z)]) for z, outline in levels]
     faces: list[tuple[ArrayLike, str]] = []
-    count = len(rings[0])
-    for band in range(len(rings) - 1):
-        for strip in range(count):
-            if not left_out(band, strip):
-                continue
-            beyond = (strip + 1) % count
-            corners = np.array(
-                [rings[band][strip], rings[band][beyond], rings[band + 1][beyond], rings[band + 1][strip]]
-            )
-            faces.append((inwards(corners), material))
-            neighbours = ((band - 1, strip), (band, beyond), (band + 1, strip), (band, (strip - 1) % count))
-            for side, (other, next_to) in enumerate(neighbours):
-                open_beyond = 0 <= other < len(rings) - 1 and left_out(other, next_to)
-                below_the_sill = other < 0
-                if not open_beyond and not below_the_sill:
-                    a, b = corners[side], corners[(side + 1) % 4]
-                    faces.append((np.array([a, b, *inwards(np.array([b, a]))]), material))
+    count = len(levels[0][1])
+    for band, strip, corners in _facets(levels):
+        if not left_out(band, strip):
+            continue
+        faces.append((inwards(corners), material))
+        neighbours = ((band - 1, strip), (band, (strip + 1) % count), (band + 1, strip), (band, (strip - 1) % count))
+        for side, (other, next_to) in enumerate(neighbours):
+            open_beyond = 0 <= other < len(levels) - 1 and left_out(other, next_to)
+            below_the_sill = other < 0
+            if not open_beyond and not below_the_sill:
+                a, b = corners[side], corners[(side + 1) % 4]
+                faces.append((np.array([a, b, *inwards(np.array([b, a]))]), material))
     return surface_of(faces)
 
 
@@ -149,8 +150,8 @@ def post(radius: float | tuple[float, float], bottom: float, top: float, materia
     return loft(levels, material, floor=material, lid=material)
 
 
-def wheel(radius: float, width: float) -> Surface:
-    """A wheel that rolls along x about the origin, open on its inner side (y < 0): tread of rubber, face of metal."""
+def wheel(radius: float, width: float, x: float, y: float) -> Surface:
+    """A wheel on the ground at (x, y) that rolls along x, open towards y = 0: tread of rubber, face of metal."""
     # A quarter turn, so that a corner stands on the ground.
     tread = round_outline(radius, 15)[:, ::-1] * [1.0, -1.0]
     inner, outer = -0.5 * width, 0.5 * width
@@ -161,8 +162,5 @@ def wheel(radius: float, width: float) -> Surface:
         a, b = ((x, z) for x, z in (tread[i], tread[j]))
         faces.append(([(a[0], inner, a[1]), (a[0], outer, a[1]), (b[0], outer, b[1]), (b[0], inner, b[1])], "rubber"))
         faces.append(([(a[0], outer, a[1]), hub, (b[0], outer, b[1])], "metal"))
-    return surface_of(faces)
-
-
-TURN_BACK = np.diag([-1.0, -1.0, 1.0])
-"""Half a turn about z [3, 3]: puts a wheel on the right-hand side."""
+    turn = np.eye(3) if y > 0.0 else np.diag([-1.0, -1.0, 1.0])  # half a turn about z on the right-hand side
+    return placed(surface_of(faces), (x, y, radius), turn)

@@ -19,16 +19,14 @@ import numpy as np
 
 sys.path.append(str(Path(__file__).parent))
 
-from asset_shapes import TURN_BACK, bowed_outline, loft, placed, post, recess, round_outline, wheel
+from asset_shapes import bowed_outline, loft, placed, post, recess, round_outline, wheel
 
-from datafactory.scenes.city.shapes import X_TO_Z_CYCLE, Surface, box, joined
+from datafactory.scenes.city.shapes import QUARTER_TURN_X, X_TO_Z_CYCLE, Surface, box, joined
 from datafactory.scenes.city.site import Placement
 from datafactory.scenes.city.usd import write_usd
 
 PARTS = (3, 3, 9)
 CABIN_PARTS = (3, 2, 5)
-ALONG_Y = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Lays the z axis of a post along -y."""
 
 
 @dataclass(frozen=True)
@@ -87,8 +85,7 @@ def car(body: CarBody) -> Surface:
                 return np.array([x, 0.0, 0.2]) + (points - [x, 0.0, 0.2]) * [0.75, 1.0, 0.8] - [0.0, 0.28 * sign, 0.0]
 
             parts.append(recess(levels, here, inwards, "metal"))
-            turn = np.eye(3) if sign > 0.0 else TURN_BACK
-            parts.append(placed(wheel(body.wheel_radius, 0.2), (x, sign * (side - 0.12), body.wheel_radius), turn))
+            parts.append(wheel(body.wheel_radius, 0.2, x, sign * (side - 0.12)))
     parts.append(_cabin(body, side))
     for sign in (1.0, -1.0):
         plate = sign * (half + 0.008)
@@ -140,17 +137,13 @@ def truck() -> Surface:
         cab,
         box((-4.2, -1.25, 1.05), (2.05, 1.25, 3.5), "metal"),
         box((-4.1, -0.45, 0.75), (3.0, 0.45, 1.0), "metal"),
-        placed(post(0.06, -1.15, 1.15, "metal"), (-4.1, 0.0, 0.5), ALONG_Y),
+        placed(post(0.06, -1.15, 1.15, "metal"), (-4.1, 0.0, 0.5), QUARTER_TURN_X),
         placed(post(0.30, -0.5, 0.5, "metal"), (0.2, 0.85, 0.72), X_TO_Z_CYCLE),
         placed(post(0.30, -0.5, 0.5, "metal"), (0.2, -0.85, 0.72), X_TO_Z_CYCLE),
         box((4.17, -0.26, 0.5), (4.205, 0.26, 0.61), "metal"),
         box((-4.205, -0.26, 0.7), (-4.17, 0.26, 0.81), "metal"),
     ]
-    for sign in (1.0, -1.0):
-        for x in (-3.1, -1.9, 3.0):
-            turn = np.eye(3) if sign > 0.0 else TURN_BACK
-            parts.append(placed(wheel(0.5, 0.3), (x, sign * 1.08, 0.5), turn))
-    return joined(parts)
+    return joined([*parts, *(wheel(0.5, 0.3, x, y) for y in (1.08, -1.08) for x in (-3.1, -1.9, 3.0))])
 
 
 def bus() -> Surface:
@@ -163,16 +156,12 @@ def bus() -> Surface:
         box((5.99, -0.26, 0.4), (6.01, 0.26, 0.51), "metal"),
         box((-6.01, -0.26, 0.7), (-5.99, 0.26, 0.81), "metal"),
     ]
-    for sign in (1.0, -1.0):
-        for x in (-3.1, 2.9):
-            turn = np.eye(3) if sign > 0.0 else TURN_BACK
-            parts.append(placed(wheel(0.48, 0.28), (x, sign * 1.15, 0.48), turn))
-    return joined(parts)
+    return joined([*parts, *(wheel(0.48, 0.28, x, y) for y in (1.15, -1.15) for x in (-3.1, 2.9))])
 
 
 def lamp() -> Surface:
     """A steel lamp post of 7 m with an arm of 1.5 m towards -y."""
-    arm = placed(post(0.04, 0.0, 1.5, "metal"), (0.0, 0.0, 6.9), ALONG_Y)
+    arm = placed(post(0.04, 0.0, 1.5, "metal"), (0.0, 0.0, 6.9), QUARTER_TURN_X)
     return joined([post((0.09, 0.05), 0.0, 7.0, "metal"), arm, box((-0.12, -1.9, 6.85), (0.12, -1.4, 6.97), "metal")])
 
 

@@ -53,34 +53,28 @@ class EffectScene:
     poses: list[dict[str, Any]] = field(default_factory=lambda: standing())
 
 
+def poses(
+    steps_m: Sequence[float],
+    yaws_deg: Sequence[float] = (0.0, 0.0, 0.0),
+    times_s: Sequence[float] = (0.0, 0.0, 0.0),
+    velocity: Vector = (0.0, 0.0, 0.0),
+) -> list[dict[str, Any]]:
+    """Entries of a ``--poses`` file: how far along x from ``SENSOR`` [m], how far aside it looks, and when."""
+    return [
+        {"position": [SENSOR[0] + step, SENSOR[1], SENSOR[2]], "yaw_deg": yaw, "velocity": list(velocity), "time": time}
+        for step, yaw, time in zip(steps_m, yaws_deg, times_s, strict=True)
+    ]
+
+
 def standing(times_s: Sequence[float] = (0.0, 0.0, 0.0)) -> list[dict[str, Any]]:
     """Poses at rest, on boresight of what stands ahead within +-2 deg: the pattern loses less than 0.01 dB."""
-    return [
-        {
-            "position": [SENSOR[0] + step, SENSOR[1], SENSOR[2]],
-            "yaw_deg": yaw,
-            "velocity": [0.0, 0.0, 0.0],
-            "time": time,
-        }
-        for step, yaw, time in zip(STEPS_M, YAWS_DEG, times_s, strict=True)
-    ]
+    return poses(STEPS_M, YAWS_DEG, times_s)
 
 
-def level() -> list[dict[str, Any]]:
-    """Poses at rest in steps of three range bins: what fills one resolution cell does so from all of them."""
-    return [
-        {"position": [SENSOR[0] - 0.45 * n, SENSOR[1], SENSOR[2]], "yaw_deg": 0.0, "velocity": [0.0, 0.0, 0.0],
-         "time": 0.0}
-        for n in range(3)
-    ]  # fmt: skip
-
-
-def driving() -> list[dict[str, Any]]:
-    """The sensor moves along its boresight; one pose every 0.55 m."""
-    return [
-        {"position": [0.55 * n, 0.0, SENSOR[2]], "yaw_deg": 0.0, "velocity": list(EGO_VELOCITY), "time": 0.05 * n}
-        for n in range(3)
-    ]
+LEVEL = poses((0.0, -0.45, -0.9))
+"""At rest in steps of three range bins: what fills one resolution cell does so from all of them."""
+DRIVING = poses((0.0, 0.55, 1.1), times_s=(0.0, 0.05, 0.1), velocity=EGO_VELOCITY)
+"""The sensor moves along its boresight."""
 
 
 def sheet(corners: Sequence[Sequence[float]], material: str) -> Surface:
@@ -165,11 +159,11 @@ def scenes() -> tuple[EffectScene, ...]:
         ),
         EffectScene(
             "square_corner", "Two metal walls of 0.1 m that meet at a right angle, 60 m away.",
-            (Placement("Corner", dihedral(0.1, 90.0, 0.44, 0.56), CORNER_AT),), level(),
+            (Placement("Corner", dihedral(0.1, 90.0, 0.44, 0.56), CORNER_AT),), LEVEL,
         ),
         EffectScene(
             "three_faces", "A trihedral of 0.1 m, as a mesh of three metal triangles at 60 m.",
-            (Placement("Trihedral", corner_reflector(0.1), (*CORNER_AT[:2], SENSOR[2])),), level(),
+            (Placement("Trihedral", corner_reflector(0.1), (*CORNER_AT[:2], SENSOR[2])),), LEVEL,
         ),
         EffectScene(
             "trihedral", "A trihedral of 0.2 m, as a point target at 60 m.", (trihedral,),
@@ -208,7 +202,7 @@ def scenes() -> tuple[EffectScene, ...]:
             standing((0.0, 0.2, 0.4)),
         ),
         EffectScene(
-            "moving_ego", "A street in which nothing moves, seen from a car at 11 m/s.", street(), driving(),
+            "moving_ego", "A street in which nothing moves, seen from a car at 11 m/s.", street(), DRIVING,
         ),
         EffectScene(
             "target_1m", "A metal sphere of 2 cm radius as a point target, 1 to 2 m ahead.",

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
-import typer
 from matplotlib.collections import QuadMesh
 from matplotlib.image import imread
 from PIL import Image
@@ -16,7 +15,6 @@ from s3_server import SECRET
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
-from datafactory.cli.inspection import inspect
 from datafactory.frame.deal import split_of
 from datafactory.inspection import pictures as made
 from datafactory.inspection.dataset import summarise
@@ -57,21 +55,23 @@ def make_frame(frame_id: int, targets: bool = True) -> Frame:
     )  # fmt: skip
 
 
+def written(folder, splits, make, **manifest):
+    """A dataset of these frames in shards of four."""
+    schema = arrow_schema(description(RADAR, 1, "range-channel"))
+    plans = plan_shards(splits, frames_per_shard=4)
+    shards = [write_shard(folder / plan.path, map(make, plan.frame_ids), schema) for plan in plans]
+    write_manifest(folder, {"version": VERSION, **manifest, "shards": [record.model_dump() for record in shards]})
+    return folder
+
+
 @pytest.fixture
 def directory(tmp_path):
-    directory = tmp_path / "data"
-    schema = arrow_schema(description(RADAR, 1, "range-channel"))
-    plans = plan_shards([split_of(index) for index in range(9)], frames_per_shard=4)
-    shards = [write_shard(directory / plan.path, map(make_frame, plan.frame_ids), schema) for plan in plans]
-    records = [record.model_dump() for record in shards]
-    write_manifest(directory, {"version": 1, "counts": {"targets left out [dB]": 7}, "shards": records})
-    return directory
+    splits = [split_of(index) for index in range(9)]
+    return written(tmp_path / "data", splits, make_frame, counts={"targets left out [dB]": 7})
 
 
 def run(*arguments):
-    app = typer.Typer()
-    app.command()(inspect)
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return CliRunner().invoke(app, ["inspect", *map(str, arguments)])
 
 
 def test_the_summary_counts_every_frame_once(directory):
@@ -242,13 +242,7 @@ def filmed_frame(frame_id: int) -> Frame:
 
 @pytest.fixture
 def dataset(tmp_path: Path) -> Dataset:
-    schema = arrow_schema(description(RADAR, 1, "range-channel"))
-    shards = [
-        write_shard(tmp_path / "data" / plan.path, map(filmed_frame, plan.frame_ids), schema)
-        for plan in plan_shards(SPLITS, frames_per_shard=4)
-    ]
-    write_manifest(tmp_path / "data", {"version": VERSION, "shards": [record.model_dump() for record in shards]})
-    return open_dataset(tmp_path / "data")
+    return open_dataset(written(tmp_path / "data", SPLITS, filmed_frame))
 
 
 def pictures(path: Path) -> list[np.ndarray]:
@@ -296,7 +290,7 @@ def test_a_film_that_is_too_large_leaves_pictures_out(
 
 
 def test_the_command_says_what_it_wrote(dataset: Dataset) -> None:
-    result = CliRunner().invoke(app, ["inspect", str(dataset.path), "--frames", "1"], catch_exceptions=False)
-    assert result.exit_code == 0
+    result = run(dataset.path, "--frames", 1)
+    assert result.exit_code == 0, result.output
     assert "sequence-0000.gif" in result.output
     assert "sequences" in result.output

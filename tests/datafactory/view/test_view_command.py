@@ -9,14 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from factory_command import run
 from matplotlib.image import imread
 from prepared_scenes import EFFECT_SCENES, SCENES, prepared_scene
-from typer.testing import CliRunner
 
 from datafactory.api.asking import load_scene
 from datafactory.api.making import render, trace
 from datafactory.api.viewing import view
-from datafactory.cli.app import app
 from datafactory.frame.deal import PreparedScene
 from datafactory.paths.merged_scene import MergedMesh, MergedScene
 from datafactory.scenes.materials.table import load_materials
@@ -54,8 +53,7 @@ def subject(scene: Path, pose: Pose) -> Subject:
 def test_the_page_is_whole_and_asks_for_nothing(tmp_path: Path) -> None:
     poses = EFFECT_SCENES / "moving_car.poses.json"
     arguments = ["view", "--scene", EFFECT_SCENES / "moving_car.usda", "--poses", poses, "--rays", RAYS]
-    result = CliRunner().invoke(app, [*map(str, arguments), "--out", str(tmp_path / "page.html")])
-    assert result.exit_code == 0, result.output
+    run(*arguments, "--out", tmp_path / "page.html")
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "Three.js Authors" in text
     assert not re.search(r'(?:src|href)\s*=\s*["\']?\s*(?:https?:)?//', text)
@@ -124,9 +122,9 @@ def test_a_frame_of_a_track_is_looked_at(tmp_path: Path) -> None:
 )
 def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, arguments: list[object], message: str) -> None:
     words = [str(word).replace("OUT", str(tmp_path)) for word in arguments]
-    result = CliRunner().invoke(app, ["view", "--rays", str(RAYS), *words])
-    assert isinstance(result.exception, InputError)
-    assert message in str(result.exception)
+    with pytest.raises(InputError) as caught:
+        run("view", "--rays", RAYS, *words)
+    assert message in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -158,8 +156,7 @@ def test_pictures_show_things_where_they_are() -> None:
 
 
 def test_the_pictures_are_written_beside_the_page(tmp_path: Path) -> None:
-    arguments = ["view", "--scene", TINY, "--rays", RAYS, "--png", "--out", tmp_path / "tiny.html"]
-    assert CliRunner().invoke(app, list(map(str, arguments)), catch_exceptions=False).exit_code == 0
+    run("view", "--scene", TINY, "--rays", RAYS, "--png", "--out", tmp_path / "tiny.html")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["tiny-above.png", "tiny-camera.png", "tiny.html"]
     for name in ("camera", "above"):
         picture = imread(tmp_path / f"tiny-{name}.png")
@@ -228,8 +225,7 @@ def test_inspect_draws_what_was_written_or_makes_it(folder: Path) -> None:
     for name, more in (("stored", []), ("made", ["--camera"]), ("none", [])):
         if name == "made":
             (folder / "with" / "camera").rename(folder / "put-away")
-        arguments = ["inspect", str(folder / "with"), "--frames", "3", "--out", str(folder / name), *more]
-        assert CliRunner().invoke(app, arguments, catch_exceptions=False).exit_code == 0
+        run("inspect", folder / "with", "--frames", 3, "--out", folder / name, *more)
         drawn[name] = [path.read_bytes() for path in sorted((folder / name).glob("frame-*.png"))]
     (folder / "put-away").rename(folder / "with" / "camera")
     assert drawn["stored"] == drawn["made"]

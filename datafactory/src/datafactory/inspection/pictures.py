@@ -6,9 +6,9 @@ A sequence is an animation: what the array measures, the truth, and what a camer
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.animation import PillowWriter
@@ -173,14 +173,8 @@ def _mark_targets(axis: Axes, frame: Frame) -> None:
     axis.legend(loc="upper right")
 
 
-@dataclass(frozen=True)
-class SequenceRows:
-    """Where the frames of a sequence stand.
-
-    :param number: of the sequence
-    :param split: that it belongs to
-    :param rows: shard and row of its frames, in the order of time
-    """
+class SequenceRows(NamedTuple):
+    """A sequence by its number: its split, and shard and row of its frames in the order of time."""
 
     number: int
     split: str

@@ -19,9 +19,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from datafactory.scenes.ground import Ground
-
-Real = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from datafactory.scenes.motion import Real
+from datafactory.scenes.streets import Mask
 
 GRID_M = 1.0
 """Ways are sought on cells of this side or a little more: finer ground is taken in strides."""

@@ -21,9 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.chain import Chain, Operation, Samples, placed
+from datafactory.scenes.chain import Chain, Operation, Real, Samples, placed
 
-Real = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 RESTING_MPS = 1e-6
@@ -163,8 +162,8 @@ def drift(velocity: Vector, motion: Track | None, time_s: float) -> tuple[Real, 
 def fastest_mps(
     velocity: Vector,
     motion: Motion | None,
-    points: NDArray[np.floating] | None = None,
-    used: NDArray[np.integer] | None = None,
+    points: NDArray[np.floating] = np.zeros((1, 3)),
+    used: NDArray[np.integer] = np.zeros(1, dtype=np.int64),
 ) -> float:
     """Largest speed at any time [m/s].
 
@@ -175,8 +174,6 @@ def fastest_mps(
         return float(np.linalg.norm(velocity))
     if isinstance(motion, Track):
         return float(np.linalg.norm(motion.velocities, axis=1).max())
-    if points is None or used is None:
-        points, used = np.zeros((1, 3)), np.zeros(1, dtype=np.int64)
     instants = (motion.at(points, used, time) for time in looked_at(motion))
     return max(float(np.linalg.norm(item.velocities, axis=1).max(initial=0.0)) for item in instants)
 

@@ -13,10 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.chain import Chain
-
-Real = NDArray[np.float64]
-
+from datafactory.scenes.chain import Chain, Real
 
 OTHER = "other"
 """Class of what moves and states none."""
@@ -41,6 +38,11 @@ class Strip:
         cosine, sine = np.cos(self.heading_rad), np.sin(self.heading_rad)
         east, north = x - self.middle[0], y - self.middle[1]
         return cosine * east + sine * north, cosine * north - sine * east
+
+    def places(self, along: Real, left: Real) -> tuple[Real, Real]:
+        """World x and y [m] of points by their coordinates."""
+        cosine, sine = np.cos(self.heading_rad), np.sin(self.heading_rad)
+        return self.middle[0] + cosine * along - sine * left, self.middle[1] + sine * along + cosine * left
 
     def holds(self, x: Real, y: Real) -> NDArray[np.bool_]:
         """Whether points lie on it."""

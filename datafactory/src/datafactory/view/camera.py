@@ -29,6 +29,7 @@ from scipy.spatial.transform import Rotation
 from datafactory.frame.deal import PreparedScene
 from datafactory.run.preparation import prepared_scene
 from datafactory.scenes.materials.table import MaterialTable, load_materials
+from datafactory.scenes.motion import Real
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.traffic.population import recorded
@@ -44,7 +45,6 @@ from shared.physics.errors import InputError, figure_text
 from shared.pictures import save_figure
 from shared.radar import validated
 
-Real = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 WIDTH, HEIGHT = 960, 420

@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.table import CORNER, DIFFRACTED, REFRACTED, SPECULAR, TARGET, PathTable, ScatteredPaths
+from datafactory.scenes.motion import Real
 from datafactory.view.subject import DIFFRACTION, DIRECT, KINDS, MIRROR, REFRACTION, SEVERAL, RayCaster
 from shared.physics.units import amplitude_to_db
-
-Real = NDArray[np.float64]
 
 PATHS_SHOWN = 200
 MOST_MIRRORS = 3

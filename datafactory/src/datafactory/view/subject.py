@@ -19,12 +19,10 @@ from datafactory.paths.geometry import Geometry, first_hits, mesh_of_shape
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.table import PathTable
 from datafactory.scenes.boxes import seen_things
-from datafactory.scenes.motion import Vector, triple
+from datafactory.scenes.motion import Real, Vector, triple
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import ZERO
 from shared.radar import Radar
-
-Real = NDArray[np.float64]
 
 ARCS_M = (10.0, 20.0, 40.0, 80.0)
 """Ranges at which the field of view has an arc."""

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from factory_command import run
 from road_networks import ARC_M, GRADE, LANE_M, LINE_M, OSM, OTHER_M, RADIUS_M, opendrive
 from scene_solids import triangles_of
-from typer.testing import CliRunner
 
-from datafactory.cli.app import app
 from datafactory.scenes.city.rules import Style
 from datafactory.scenes.city.site import Placement
 from datafactory.scenes.network import conversion
@@ -150,8 +149,7 @@ def test_the_same_network_and_seed_give_the_same_file(folder: Path) -> None:
 
 def test_openstreetmap_goes_the_same_way(folder: Path) -> None:
     out = folder / "osm.usda"
-    done = CliRunner().invoke(app, ["city", "--osm", str(folder / "own.osm"), "--extent", "260", "--out", str(out)])
-    assert done.exit_code == 0, done.output
+    run("city", "--osm", folder / "own.osm", "--extent", 260, "--out", out)
     lower, upper = open_scene(str(out)).bounds()
     assert (upper - lower)[:2].max() > 250.0
 
@@ -171,9 +169,9 @@ def test_what_is_wrong_is_one_line(
     path, out = tmp_path / "network.xodr", tmp_path / "out.usda"
     if text is not None:
         path.write_text(text, encoding="utf-8")
-    done = CliRunner().invoke(app, ["city", "--opendrive", str(path), "--out", str(out), *options])
-    assert isinstance(done.exception, InputError)
-    message = str(done.exception)
+    with pytest.raises(InputError) as caught:
+        run("city", "--opendrive", path, "--out", out, *options)
+    message = str(caught.value)
     assert "\n" not in message
     assert all(word in message for word in words), message
     assert not out.exists()

@@ -12,11 +12,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.scenes.city.shapes import Polygon, Surface, box, framed_pane, joined, stepped_surface, welded
-
-Real = NDArray[np.float64]
+from datafactory.scenes.motion import Real
 
 FRAME_RECESS = 0.10
 """The frame of a window lies this far [m] behind the wall, its pane 5 cm farther."""

@@ -15,13 +15,11 @@ from types import ModuleType
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.scenes.city.rules import Rules
 from datafactory.scenes.city.site import Keyframe
+from datafactory.scenes.motion import Real
 from shared.physics.errors import InputError
-
-Real = NDArray[np.float64]
 
 INSTALL = "pip install 'sparseradar-datafactory[opendrive]'"
 CURVE_STEP_M = 1.0

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from datafactory.scenes.city.buildings import building
@@ -26,10 +25,9 @@ from datafactory.scenes.city.shapes import Polygon, Surface, welded
 from datafactory.scenes.city.site import Placement, Site
 from datafactory.scenes.city.usd import check_output, write_usd
 from datafactory.scenes.city.works import hall_style
+from datafactory.scenes.motion import Real
 from datafactory.scenes.network.conversion import Lane, Network, along, read_network, trajectories
 from shared.physics.errors import InputError
-
-Real = NDArray[np.float64]
 
 HOUSE_SLOT_M = 3.0
 EXTENTS_M = (40.0, 2000.0)

@@ -12,14 +12,15 @@ that (``CHORD_ERROR``). The tracer finds the curved surface behind such facets a
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.chain import placed
-from datafactory.scenes.scene import Scene
+from datafactory.scenes.scene import Scene, SceneObject
 from shared.physics.errors import InputError
 from shared.physics.units import FARTHEST_M, SPEED_OF_LIGHT
 
@@ -42,6 +43,7 @@ Placed = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int64]]
 SEGMENTS = 64
 CHORD_ERROR = 2 * (1 - np.cos(np.pi / SEGMENTS))  # largest distance to the true surface, in radii
 Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
+PlainMesh = tuple[str, str, NDArray[np.floating], NDArray[np.integer], NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
@@ -193,6 +195,29 @@ def note_coarse_vertices(spacings_m: Sequence[float], notes: Notes) -> None:
             f"are wrong by up to {worst_deg:.0f} deg; hold the offset in a transform or in doubles",
             len(coarse),
         )
+
+
+def scene_at_rest(path: Path, name: str, kind: str, meshes: Iterable[PlainMesh], notes: Notes) -> Scene:
+    """The scene of a format in which nothing moves and that states no unit: metres.
+
+    :param kind: what the format calls a mesh
+    :param meshes: name, material, points and triangles in their own coordinates, [4, 4] to the world
+    :raises InputError: more objects or triangles than a scene may hold
+    """
+    objects: list[SceneObject] = []
+    spacings, total = [], 0
+    for item, material, points, triangles, matrix in meshes:
+        spacings.append(vertex_spacing_m(points, matrix))
+        vertices, kept, _ = place_mesh(points, triangles, matrix, notes)
+        if not len(kept):
+            notes.count("# meshes without a usable triangle ignored")
+            continue
+        objects.append(SceneObject(item, vertices, kept, material))
+        total += len(kept)
+        check_counts(path, f"the scene as far as {kind} {item!r}", len(objects), total)
+    note_coarse_vertices(spacings, notes)
+    scene = Scene(name, tuple(objects), source=str(path))
+    return with_remarks(scene, notes, "its units, which are taken as metres")
 
 
 def _revolve(profile: NDArray[np.float64]) -> Mesh:

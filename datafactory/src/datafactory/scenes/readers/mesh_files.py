@@ -14,17 +14,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from datafactory.scenes.readers.common import (
-    MAXIMUM_TRIANGLES,
-    Y_UP_TO_Z_UP,
-    Notes,
-    check_counts,
-    note_coarse_vertices,
-    place_mesh,
-    vertex_spacing_m,
-    with_remarks,
-)
-from datafactory.scenes.scene import Scene, SceneObject
+from datafactory.scenes.readers.common import MAXIMUM_TRIANGLES, Y_UP_TO_Z_UP, Notes, check_counts, scene_at_rest
+from datafactory.scenes.scene import Scene
 from shared.physics.errors import InputError
 
 # glTF extensions that change vertex positions and that trimesh does not decode.
@@ -77,24 +68,18 @@ def read_mesh_file(path: Path) -> Scene:
         if not isinstance(part, trimesh.Trimesh):
             notes.count(f"# geometries of type {type(part).__name__} ignored (only triangle meshes are used)")
     check_counts(path, "the scene", len(meshes), sum(len(part.faces) for _, _, part in meshes))
-    points: dict[int, NDArray[np.floating]] = {}  # one mesh may be in several places
-    objects, spacings = [], []
-    for name, in_file, part in meshes:
-        matrix = to_world @ in_file
-        if id(part) not in points:
-            points[id(part)] = _in_file_precision(part, path)
-        spacings.append(vertex_spacing_m(points[id(part)], matrix))
-        vertices, triangles, _ = place_mesh(points[id(part)], part.faces, matrix, notes)
-        if len(triangles):
-            material = getattr(getattr(part.visual, "material", None), "name", None) or ""
-            objects.append(SceneObject(_text(name), vertices, triangles, _text(str(material))))
-        else:
-            notes.count("# meshes without a usable triangle ignored")
-    if objects and suffix not in (".glb", ".gltf"):
+    if meshes and suffix not in (".glb", ".gltf"):
         notes.say(f"{suffix} files state no units and no up axis: taken as metres, z up")
-    note_coarse_vertices(spacings, notes)
-    scene = Scene(path.stem, tuple(objects), source=str(path))
-    return with_remarks(scene, notes, "its units, which are taken as metres")
+    points = {id(part): _in_file_precision(part, path) for _, _, part in meshes}  # one mesh may be in several places
+    plain = (
+        (_text(name), _material(part), points[id(part)], part.faces, to_world @ in_file)
+        for name, in_file, part in meshes
+    )
+    return scene_at_rest(path, path.stem, "mesh", plain, notes)
+
+
+def _material(part: trimesh.Trimesh) -> str:
+    return _text(str(getattr(getattr(part.visual, "material", None), "name", None) or ""))
 
 
 def _placed_geometries(path: Path, source: object) -> list[tuple[str, NDArray[np.float64], trimesh.parent.Geometry]]:

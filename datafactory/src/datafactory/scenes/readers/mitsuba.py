@@ -22,16 +22,9 @@ from numpy.typing import NDArray
 from trimesh.transformations import rotation_matrix
 
 from datafactory.scenes.readers import common
-from datafactory.scenes.readers.common import (
-    Notes,
-    check_counts,
-    note_coarse_vertices,
-    place_mesh,
-    vertex_spacing_m,
-    with_remarks,
-)
+from datafactory.scenes.readers.common import Notes, scene_at_rest
 from datafactory.scenes.readers.mesh_files import load_mesh
-from datafactory.scenes.scene import Scene, SceneObject
+from datafactory.scenes.scene import Scene
 from shared.physics.errors import InputError
 
 ORIGIN = (0.0, 0.0, 0.0)
@@ -54,11 +47,11 @@ def read_mitsuba(path: str | Path, name: str | None = None) -> Scene:
     :raises InputError: malformed XML, an unresolved reference, a value that is no number, a missing or unreadable
         mesh, more objects or triangles than a scene may hold
     """
-    path = Path(path)
-    notes = Notes()
-    objects: list[SceneObject] = []
-    spacings: list[float] = []
-    total = 0
+    path, notes = Path(path), Notes()
+    return scene_at_rest(path, name or path.stem, "shape", _meshes(path, notes), notes)
+
+
+def _meshes(path: Path, notes: Notes) -> Iterator[common.PlainMesh]:
     known: dict[tuple[str, str], Mesh] = {}
     for shape in read_shapes(path):
         mesh = _mesh(shape, known)
@@ -67,17 +60,7 @@ def read_mitsuba(path: str | Path, name: str | None = None) -> Scene:
             continue
         points, triangles = mesh
         triangles = triangles[:, ::-1] if shape.flag("flip_normals") else triangles
-        spacings.append(vertex_spacing_m(points, shape.to_world))
-        vertices, kept, _ = place_mesh(points, triangles, shape.to_world, notes)
-        if len(kept):
-            objects.append(SceneObject(shape.name, vertices, kept, shape.material))
-            total += len(kept)
-            check_counts(path, f"the scene as far as shape {shape.name!r}", len(objects), total)
-        else:
-            notes.count("# shapes without a usable triangle ignored")
-    note_coarse_vertices(spacings, notes)
-    scene = Scene(name or path.stem, tuple(objects), source=str(path))
-    return with_remarks(scene, notes, "its units, which are taken as metres")
+        yield shape.name, shape.material, points, triangles, shape.to_world
 
 
 def _mesh(shape: Shape, known: dict[tuple[str, str], Mesh]) -> Mesh | None:

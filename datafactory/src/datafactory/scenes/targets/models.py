@@ -95,7 +95,7 @@ class Car(Rigid):
     without the roof 11.4 (TR 38.901 states a mean of 11.25 dBsm). The front lobe looks up by 18 deg: at the height of a
     bumper the front shows 11.7 dBsm.
 
-    :param wheel_radius_m: its wheels turn, see :mod:`datafactory.scenes.targets.road_users`
+    :param wheel_radius_m: its wheels turn, as above
     :param wheel_hidden_below_m: what is lower than this of a wheel is not seen
     """
 
@@ -198,7 +198,7 @@ class Cyclist(Rigid):
     the azimuth between them, half of it from the rider and a quarter from either wheel, and the human's
     depolarisation are assumptions.
 
-    :param wheel_radius_m: the wheels turn, see :mod:`datafactory.scenes.targets.road_users`
+    :param wheel_radius_m: the wheels turn, as above
     """
 
     wheel_radius_m: float | None = option(*WHEEL_RADII_M)

@@ -42,12 +42,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.targets.bodies import Motion, MovingParts
+from datafactory.scenes.targets.bodies import Motion, MovingParts, Real
 
 if TYPE_CHECKING:
     from scipy.interpolate import PchipInterpolator
 
-Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 FASTEST_RV = 3.0

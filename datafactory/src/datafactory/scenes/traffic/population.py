@@ -8,7 +8,6 @@ from hashlib import sha256
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.scenes.boxes import Movers
 from datafactory.scenes.chain import Chain
@@ -16,12 +15,11 @@ from datafactory.scenes.ground import Ground, free_ground
 from datafactory.scenes.motion import triple
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
+from datafactory.scenes.streets import Mask
 from datafactory.scenes.targets.models import Cyclist, Pedestrian, RcsModel
 from datafactory.scenes.things import Label, Population, Strip
 from datafactory.scenes.traffic.arrange import Arranged, Asked, arrange, asset, parse_populate
 from datafactory.scenes.traffic.stretches import HORIZON_S, find_stretches
-
-Mask = NDArray[np.bool_]
 
 FOLDER = "populate"
 LANE_M = 3.6

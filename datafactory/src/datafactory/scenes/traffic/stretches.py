@@ -24,12 +24,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from datafactory.scenes.ground import CLEARANCE_M, Ground
-from datafactory.scenes.motion import Track, Vector
-from datafactory.scenes.streets import SHARES
+from datafactory.scenes.motion import Real, Track, Vector, triple
+from datafactory.scenes.streets import SHARES, Mask
 from datafactory.scenes.things import Strip
-
-Real = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 WIDTHS_M = (7.9, 5.6, 3.9)
 """Half widths that a road needs: with parked cars on both sides of two lanes, with two lanes, with one."""
@@ -75,10 +72,8 @@ class Stretch:
 
     def point(self, along: float, left: float) -> Real:
         """[3] world place on its plane [m]."""
-        cosine, sine = np.cos(self.strip.heading_rad), np.sin(self.strip.heading_rad)
-        x, y = self.strip.middle
         z = self.plane[0] + self.plane[1] * along + self.plane[2] * left
-        return np.array([x + cosine * along - sine * left, y + sine * along + cosine * left, z])
+        return np.array([*self.strip.places(np.asarray(along), np.asarray(left)), z])
 
     def axes(self, turn_rad: float) -> Real:
         """[3, 3] rows ahead, left and up of what stands on its plane, turned to the left of its heading."""
@@ -190,9 +185,7 @@ def plane_under(ground: Ground, strip: Strip, points: tuple[int, int], uneven_m:
     along, left = (axis.ravel() for axis in np.meshgrid(*(
         reach * np.linspace(-1.0, 1.0, count) for reach, count in zip(half, points, strict=True)
     )))  # fmt: skip
-    cosine, sine = np.cos(strip.heading_rad), np.sin(strip.heading_rad)
-    x, y = strip.middle
-    z = ground.heights_at(x + cosine * along - sine * left, y + sine * along + cosine * left)
+    z = ground.heights_at(*strip.places(along, left))
     if not np.isfinite(z).all():
         return None
     base = np.stack([np.ones_like(along), along, left], axis=1)
@@ -272,19 +265,18 @@ class Course:
 
     def place(self, at_m: float) -> Vector:
         """So far along the line [m]."""
-        x, y, z = (float(a + at_m * b) for a, b in zip(self.start, self.ahead, strict=True))
-        return x, y, z
+        return triple(np.array(self.start) + at_m * np.array(self.ahead))
 
     def track(self, at_m: float) -> Track:
         """How something moves that is ``at_m`` along the line at time 0, from 0 to below its length."""
         leaps = int(np.ceil((at_m + self.speed_mps * HORIZON_S) / self.length_m)) - 1
         leap_s = (self.length_m * np.arange(1, leaps + 1) - at_m) / self.speed_mps
-        x, y, z = (float(self.speed_mps * part) for part in self.ahead)
         back, last = -at_m, at_m + self.speed_mps * HORIZON_S - leaps * self.length_m - at_m
         times = (0.0, *(float(time) for time in leap_s), HORIZON_S)
         shifts = (0.0, *(back for _ in leap_s), last)
-        places = tuple((float(s * self.ahead[0]), float(s * self.ahead[1]), float(s * self.ahead[2])) for s in shifts)
-        return Track(times, places, (*((x, y, z) for _ in times[:-1]), (0.0, 0.0, 0.0)))
+        velocity, ahead = triple(self.speed_mps * np.array(self.ahead)), np.array(self.ahead)
+        places = tuple(triple(shift * ahead) for shift in shifts)
+        return Track(times, places, (*(velocity for _ in times[:-1]), (0.0, 0.0, 0.0)))
 
 
 def spaced(count: int, length_m: float, least_m: float, rng: np.random.Generator) -> NDArray[np.float64]:
