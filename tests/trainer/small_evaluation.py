@@ -34,9 +34,9 @@ def strong_frame(index):
     return replace(made, range_channel=10.0 * made.range_channel, image_peak=10.0 * made.image_peak)
 
 
-def strong_dataset(directory, training=2):
-    """Strong frames, two to validate and one to test."""
-    places = {"train": range(training), "validation": (100, 101), "test": (200,)}
+def strong_dataset(directory, training=2, tested=1):
+    """Strong frames, two to validate; those to test are 200 and the next."""
+    places = {"train": range(training), "validation": (100, 101), "test": range(200, 200 + tested)}
     splits = {split: [strong_frame(index) for index in of_split] for split, of_split in places.items()}
     return write_dataset(directory, splits, RADAR)
 

@@ -1,7 +1,6 @@
 """``trainer fit``: it learns, is repeatable, begins with other weights, keeps the best, takes first frames alone."""
 
 import json
-import shutil
 from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
@@ -13,6 +12,7 @@ from pyarrow.fs import LocalFileSystem, SubTreeFileSystem
 from safetensors.torch import load_file
 from small_fit import last_state, metrics, run
 from tiny_radar import RADAR, TINY, frame, tiny, write_dataset
+from tiny_run import run_of
 
 from shared.dataset.locations import RemotePath
 from shared.physics.errors import InputError
@@ -29,16 +29,8 @@ from trainer.training.fit import FitRequest, fit
 
 def test_eight_frames_are_learned_by_heart(dataset, tmp_path):
     """The loss of the training frames, 0.045 for an empty image, falls below 0.004."""
-    config = TINY.model_copy(
-        update={
-            "hidden": 96,
-            "steps": 240,
-            "batch": 8,
-            "validate_every": 240,
-            "learning_rate": 1e-2,
-            "weight_decay": 0.0,
-        }
-    )
+    steps = {"steps": 240, "validate_every": 240}
+    config = TINY.model_copy(update=steps | {"hidden": 96, "batch": 8, "learning_rate": 1e-2, "weight_decay": 0.0})
     run(dataset, tmp_path / "run", config)
     last = metrics(tmp_path / "run")[-1]
     assert float(last["train_loss"]) < 0.004
@@ -102,6 +94,8 @@ def test_the_last_validation_is_at_the_end(dataset, tmp_path, steps, validate_ev
 def test_a_run_says_what_it_was_made_with(dataset, tmp_path):
     result, lines = run(dataset, tmp_path / "run")
     assert read_run(tmp_path / "run") == result
+    assert result.array.rx == (0, 1, 2, 3, 4, 5)
+    assert not load_imager(tmp_path / "run")[1].training
     document = json.loads((tmp_path / "run/run.json").read_text())
     assert document["config"]["seed"] == 3
     assert document["datasets"][0]["frames"] == {"train": 8, "validation": 2, "test": 1}
@@ -154,16 +148,15 @@ def test_a_run_begins_with_the_weights_of_another(dataset, ordinary, tmp_path):
     assert [fingerprint.name for fingerprint in result.trained_on] == ["data", "data"]
 
 
-def test_weights_survive_the_run_folder_bit_for_bit(ordinary, tmp_path):
-    shutil.copytree(ordinary, tmp_path / "run")
-    stored, imager = load_imager(tmp_path / "run")
-    before = {name: tensor.clone() for name, tensor in imager.network.state_dict().items()}
-    save_weights(tmp_path / "run", imager)
-    again = load_imager(tmp_path / "run")[1].network.state_dict()
+def test_weights_survive_the_run_folder_bit_for_bit(tmp_path):
+    folder = run_of(tmp_path / "run", RADAR, TINY)
+    stored = read_run(folder)
+    imager = Imager(stored.config, stored.radar, stored.array)  # other weights than the folder has
+    save_weights(folder, imager)
+    again = load_imager(folder)[1].network.state_dict()
+    before = imager.network.state_dict()
     assert before.keys() == again.keys()
-    assert all(torch.equal(before[name], again[name]) for name in before)
-    assert not imager.training
-    assert stored.array.rx == (0, 1, 2, 3, 4, 5)
+    assert all(torch.equal(tensor, again[name]) for name, tensor in before.items())
 
 
 def test_a_run_that_no_longer_improves_stops_early(dataset, tmp_path):

@@ -172,13 +172,9 @@ PAPER, ROWS = Radar(), 160
 CELL = line_array(PAPER).resolution_cell
 
 
-def draw(seed, rows=ROWS):
-    return draw_targets(np.random.default_rng(seed), rows, PAPER)
-
-
 @pytest.fixture(scope="module")
 def drawn():
-    return [draw(seed) for seed in range(300)]
+    return [draw_targets(np.random.default_rng(seed), ROWS, PAPER) for seed in range(300)]
 
 
 def test_every_target_lies_within_its_ranges(drawn):
@@ -254,13 +250,6 @@ def test_an_extended_target_holds_the_cells_over_its_width(drawn):
     )
     found = alone.in_extended(np.array([6, 7, 8, 9, 7, 7]), np.array([0.1, 0.14, 0.06, 0.1, 0.16, 0.04]))
     assert found.tolist() == [True, True, True, False, False, False]
-
-
-def test_a_draw_is_a_function_of_its_generator():
-    one, same, other = draw(5), draw(5), draw(6)
-    for name in ("row", "u", "amplitude", "point", "first_row", "extended"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(same, name))
-    assert one.row.shape != other.row.shape or (one.row != other.row).any()
 
 
 def test_a_radar_that_sees_less_than_the_nearest_range_gets_targets_all_the_same(monkeypatch):

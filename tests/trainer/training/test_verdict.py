@@ -26,11 +26,11 @@ WHOLE = {"model": "spectral-unet", "features": "adaptive"}
 """A network without a detection head, whose input has delay-and-sum as its third channel."""
 
 
-def make_run(directory, gain=1.0, radar=RADAR, **changes):
+def make_run(directory, gain=1.0, radar=RADAR, array=FULL, **changes):
     config = TINY.model_copy(update=WHOLE | changes)
     directory.mkdir()
-    write_run(directory, Run(config=config, radar=radar, array=FULL, datasets=()))
-    save_weights(directory, Imager(config, radar, FULL), gain)
+    write_run(directory, Run(config=config, radar=radar, array=array, datasets=()))
+    save_weights(directory, Imager(config, radar, array), gain)
     return directory
 
 
@@ -79,7 +79,7 @@ def verdict_of(run, datasets):
     return found
 
 
-def test_a_perfect_imager_has_no_error_and_all_the_precision(tmp_path, monkeypatch):
+def test_a_perfect_imager_has_no_error_and_all_the_precision_and_an_empty_one_finds_nothing(tmp_path, monkeypatch):
     data, run = strong_dataset(tmp_path / "data"), make_run(tmp_path / "run")
     loader(monkeypatch, detect=answers(level(strong_frame(200))))
     found = verdict_of(run, [data])
@@ -87,10 +87,6 @@ def test_a_perfect_imager_has_no_error_and_all_the_precision(tmp_path, monkeypat
     assert found.average_precision["network"] > 0.98
     assert found.average_precision["truth"] > 0.98
     assert found.average_precision["das"] < 0.9
-
-
-def test_an_empty_network_finds_nothing(tmp_path, monkeypatch):
-    data, run = strong_dataset(tmp_path / "data"), make_run(tmp_path / "run")
     loader(monkeypatch, Nothing())
     found = verdict_of(run, [data])
     assert found.nmse["network"] == 1.0
@@ -98,7 +94,7 @@ def test_an_empty_network_finds_nothing(tmp_path, monkeypatch):
     assert found.average_precision["truth"] > 0.98
 
 
-def test_delay_and_sum_as_a_network_scores_as_delay_and_sum(tmp_path, monkeypatch):
+def test_delay_and_sum_as_a_network_scores_as_delay_and_sum_and_its_gain_multiplies_it(tmp_path, monkeypatch):
     data, run = strong_dataset(tmp_path / "data", training=3), make_run(tmp_path / "run")
     loader(monkeypatch, Das())
     found = verdict_of(run, [data])
@@ -111,6 +107,8 @@ def test_delay_and_sum_as_a_network_scores_as_delay_and_sum(tmp_path, monkeypatc
     assert document["nmse"] == found.nmse
     assert document["average_precision"] == found.average_precision
     assert (run / PICTURE).read_bytes()[:4] == b"\x89PNG"
+    louder = verdict_of(make_run(tmp_path / "louder", gain=3.0), [data])
+    assert louder.nmse["network"] > found.nmse["network"] + 1.0
 
 
 def test_the_average_precision_is_that_of_evaluate(tmp_path):
@@ -119,13 +117,6 @@ def test_the_average_precision_is_that_of_evaluate(tmp_path):
     cells = CellScores(values["cells_matched"], values["cells_false"], int(values["cells_true"]))
     expected = pooled([cells]).average_precision()
     assert verdict_of(run, [data]).average_precision["das"] == pytest.approx(expected, abs=1e-3)
-
-
-def test_the_gain_of_the_run_multiplies_the_image(tmp_path, monkeypatch):
-    data = strong_dataset(tmp_path / "data")
-    loader(monkeypatch, Das())
-    errors = [verdict_of(make_run(tmp_path / str(g), gain=g), [data]).nmse["network"] for g in (1.0, 3.0)]
-    assert errors[1] > errors[0] + 1.0
 
 
 def test_frames_without_a_truth_have_no_error_and_false_alarms_alone(tmp_path, monkeypatch):
@@ -200,15 +191,8 @@ def test_fit_ends_with_the_verdict_of_its_best_weights(tmp_path):
     assert again.average_precision == document["average_precision"]
 
 
-def several(directory, count=5):
-    """Strong frames, ``count`` of them to test."""
-    places = {"train": range(2), "validation": (100, 101), "test": range(200, 200 + count)}
-    splits = {split: [strong_frame(index) for index in of_split] for split, of_split in places.items()}
-    return write_dataset(directory, splits, RADAR)
-
-
 def test_the_run_it_began_with_is_scored_as_by_itself_and_the_differences_are_paired(tmp_path):
-    data = several(tmp_path / "data")
+    data = strong_dataset(tmp_path / "data", tested=5)
     first, second = (make_run(tmp_path / str(seed), gain=1.0 + seed, seed=seed) for seed in (1, 2))
     alone = verdict_of(first, [data])
     found = judge(second, [data], str, start=first)
@@ -226,11 +210,7 @@ def test_the_run_it_began_with_is_scored_as_by_itself_and_the_differences_are_pa
 
 
 def test_all_channels_are_asked_for_what_the_networks_channels_can_see(tmp_path):
-    data, run = several(tmp_path / "data", 2), tmp_path / "run"
-    run.mkdir()
-    config = TINY.model_copy(update=WHOLE)
-    write_run(run, Run(config=config, radar=RADAR, array=THIN, datasets=()))
-    save_weights(run, Imager(config, RADAR, THIN), 1.0)
+    data, run = strong_dataset(tmp_path / "data", tested=2), make_run(tmp_path / "run", array=THIN)
     found = verdict_of(run, [data])
     full = array_answer(VIEWS[-1], FULL, RADAR)
     cells = []
