@@ -157,6 +157,17 @@ def test_a_target_in_the_bin_beside_a_stronger_one_is_fitted_in_its_group(seed: 
         assert found.range_std[index] < 0.2 * STEP
 
 
+def test_the_detection_head_is_asked_where_a_line_stands() -> None:
+    """In the bin beside the centre of its group."""
+    seen, told = at_rest([150.1, 151.0], [0.2, -0.4], [40.0, 20.0]), {}
+    for sure in (150, 151):
+        probability = np.full((1, 630, len(U)), 1e-3)
+        probability[0, sure] = 1.0 - 1e-3
+        found = detect(seen, np.zeros((1, 630)), probability)
+        (told[sure],) = found.probability[np.abs(found.u + 0.4) < 0.02]
+    assert told[151] > told[150] + 0.05
+
+
 def test_a_pair_between_bins_is_two_in_one_of_its_bins_and_stays_two() -> None:
     """Half a cell apart, 19.5 dB, eight pairs a frame, random phases: nine in ten were two when bins were fitted each
     by itself and the stronger merged line won."""

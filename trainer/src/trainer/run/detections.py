@@ -171,9 +171,14 @@ def find_detections(
             shift = velocity_offsets(np.stack([below, values, above]), bins, array, at, fitted, sought.noise_power)
         columns = (fitted.u, fitted.offset, np.abs(fitted.amplitude), fitted.u_std, fitted.offset_std, *shift)
         found.append(np.stack([values[group, line] for values in columns]))
-        part.append(np.stack([members[group], power.sum(axis=1)[group], noise[group]]))
+        # The cell that a line stands in, the centre's where no neighbour is known there.
+        own_peak, own_row, step_there = peak[members][group], row[members][group], np.rint(fitted.offset[group, line])
+        for step, peaks_there in peaks_at.items():
+            own_peak = np.where(step_there == step, peaks_there[group], own_peak)
+            own_row = own_row + step * (step_there == step)
+        part.append(np.stack([members[group], power.sum(axis=1)[group], noise[group], own_peak, own_row]))
     u, offset, amplitude, u_std, offset_std, shift, shift_std = np.concatenate([np.empty((7, 0)), *found], axis=1)
-    group, energy, noise = np.concatenate([np.empty((3, 0)), *part], axis=1)
+    group, energy, noise, own_peak, own_row = np.concatenate([np.empty((5, 0)), *part], axis=1)
     group = group.astype(np.intp)
     half_bin = 0.5 * radar.grid.step
     shown = (u >= axis[0] - half_bin) & (u <= axis[-1] + half_bin)
@@ -190,7 +195,7 @@ def find_detections(
     kept = lines.no_ghosts(kept, array, -np.log(GHOST_PROBABILITY) * error * float(db_to_power(REPORTED_WITHIN_DB)))
     beams = Beams(snapshots, np.where(new, cells, np.iinfo(np.int64).max), range_m, array)
     kept = lines.no_sidebands(kept, beams, SIDEBANDS_DB + float(power_to_db(waveform.chirps)))
-    peaks, rows = peak[group[kept]], row[group[kept]]
+    peaks, rows = own_peak[kept].astype(np.intp), own_row[kept].astype(np.intp)
     head = None if probability is None else _around(probability, peaks, rows, u[kept], axis)
     snr_db = lines.level_db[kept] + power_to_db(array.channels / noise[kept])
     centre_mps = np.asarray(velocity, dtype=np.float64)[peaks, rows]
