@@ -2,15 +2,14 @@
 
 What is read must be finite: a NaN that a reader lets through is found much later, by somebody else. Good files are
 damaged by splices of bytes that parsers trip over, and by whole documents of odd content with the checksum that belongs
-to it. The examples are the same in every run and bounded in
-number; ``FUZZ_INPUTS`` lets them go on (``tests/fuzzing.py``).
+to it. The examples are the same in every run and bounded in number; ``FUZZ_INPUTS`` lets them go on
+(``tests/fuzzing.py``).
 """
 
 from __future__ import annotations
 
 import io
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -26,7 +25,6 @@ from fuzzing import JSON, SPLICES, Splice, altered, damaged, fuzz, reads_or_says
 from hypothesis import strategies as st
 from numpy_bytes import npz, of_array
 
-from datafactory.cli.app import main
 from datafactory.frame.points import read_targets
 from datafactory.paths.storage import read_paths
 from datafactory.run.preparation import stored_paths
@@ -37,7 +35,6 @@ from shared.dataset import METADATA_KEY
 from shared.dataset.documents import sealed
 from shared.dataset.folder import MANIFEST, open_dataset, verify
 from shared.dataset.reading import radar_of, read_description, read_frames
-from shared.physics.errors import InputError
 from shared.radar import Radar, load_radar
 from trainer.captures import reading
 from trainer.captures.calibration import read_calibration, to_toml
@@ -369,72 +366,3 @@ def test_odd_content(folder: Path, name: str, edits: list[tuple[float, Any]]) ->
     file, write, read = DOCUMENTS[name]
     content = write((folder / file).read_bytes(), lambda document: altered(document, edits))
     tried(folder / file, [content], read)
-
-
-# What no fuzzer is sure to find.
-
-DEEP = "[" * 100_000
-BOX = '<scene version="3.0.0"><shape type="cube"><transform name="to_world">{}</transform></shape></scene>'
-HEADER = '#usda 1.0\n(\n metersPerUnit = {}\n upAxis = "Z"\n)\n'
-SPHERE = 'def Sphere "s" {\n double radius = 1e300\n}\n'
-FAR_TARGET = """def Xform "t" {
- double radar:rcs_dbsm = 0
- double3 xformOp:translate = (1e300, 0, 0)
- uniform token[] xformOpOrder = ["xformOp:translate"]
-}
-"""
-
-
-REFUSED: dict[str, tuple[str, Callable[[Path], object]]] = {
-    # Finite but absurd: squares overflow.
-    "scaled.xml": (BOX.format('<scale value="1e308"/>'), finite_scene),
-    "moved.xml": (BOX.format('<translate x="1e300"/>'), finite_scene),
-    "shrunk.xml": (BOX.format('<scale value="1e-300"/>'), finite_scene),
-    "sphere.usda": (HEADER.format(1) + SPHERE, finite_scene),
-    "units.usda": (HEADER.format(1e300) + SPHERE, finite_scene),
-    "target.usda": (HEADER.format(1) + FAR_TARGET, finite_scene),
-    "poses.json": ('[{"position": [1e300, 0, 0]}]', read_poses),
-    "velocity.json": ('[{"position": [0, 0, 0], "velocity": [0, -1e300, 0]}]', read_poses),
-    "targets.json": ('[[{"x": 1e200, "y": 0, "rcs_dbsm": 0}]]', read_targets),
-    "walker.json": ('[[{"x": 9, "y": 0, "model": "pedestrian", "stature_m": 1.7, "vx": 1e4}]]', read_targets),
-    "carrier.toml": ("[waveform]\ncarrier_hz = 1e300\n", finite_radar),
-    "chirp.toml": ("[waveform]\nchirp_duration_s = 1e-300\n", finite_radar),
-    "samples.toml": ("[waveform]\nsamples = 100000000000000\n", finite_radar),
-    "power.toml": ("[front_end]\ntransmit_power_dbm = 1e4\n", finite_radar),
-    # Where the radar equation diverges.
-    "near.json": ('[[{"x": 0.009, "y": 0, "rcs_dbsm": 0}]]', read_targets),
-    # More digits than a float has, and than Python turns into a number.
-    "digits-400.json": (f'[[{{"x": 1{"0" * 400}, "y": 0, "rcs_dbsm": 0}}]]', read_targets),
-    "digits-9000.json": (f'[[{{"x": 1{"0" * 9000}, "y": 0, "rcs_dbsm": 0}}]]', read_targets),
-    # Deeper than a parser recurses.
-    "deep-poses.json": (DEEP, read_poses),
-    "deep-targets.json": (DEEP, read_targets),
-    "deep-materials.toml": (f"x = {DEEP}", load_materials),
-    "deep-radar.toml": (f"x = {DEEP}", finite_radar),
-    MANIFEST: (DEEP, lambda path: open_dataset(path.parent)),
-    "flat.obj": ("v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n", finite_scene),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_an_absurd_file_is_refused_in_one_line(tmp_path: Path, name: str) -> None:
-    text, read = REFUSED[name]
-    (tmp_path / name).write_text(text, encoding="utf-8")
-    with pytest.raises(InputError) as caught:
-        read(tmp_path / name)
-    assert "\n" not in str(caught.value)
-
-
-LATIN_1 = os.fsdecode(b"caf\xe9")
-"""A name in Latin-1, as file systems of UTF-8 names may hold it."""
-
-
-@pytest.mark.parametrize("arguments", [["points", "--frames", "1", "--workers", "1", "--out"], ["inspect"]])
-def test_a_folder_that_is_not_utf8_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, arguments: list[str]
-) -> None:
-    monkeypatch.setattr(sys, "argv", ["datafactory", *arguments, str(tmp_path / LATIN_1)])
-    with pytest.raises(SystemExit) as left:
-        main()
-    assert left.value.code == 2
-    assert capsys.readouterr().err.count("\n") == 1

@@ -24,7 +24,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "trainer"))
 from small_evaluation import FULL, make_run
 from tiny_radar import RADAR
 
-from datafactory.accuracy.budget import cached
+from datafactory.accuracy.cache import cached
 from datafactory.accuracy.prices import Price, Prices
 from datafactory.run.progress import FinishedShard, begin, claimed, completed, record_finished
 from datafactory.run.shards import ShardPlan

@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from datafactory.accuracy import study
-from datafactory.accuracy.budget import cached
+from datafactory.accuracy.cache import cached
 from datafactory.accuracy.knobs import DEFAULT, KNOBS, POWER_KNOBS, QUICK, STUDY, Menu, menu_for
 from datafactory.accuracy.looking import STAGES, Clock
 from datafactory.accuracy.power import FLOOR_DB

@@ -5,29 +5,21 @@ once. Measured are frames of the run itself, because the same scene may be harml
 reflectors from the next. Single prices choose; then the choice is measured whole, and where it misses the budget,
 because errors met that the squares did not foresee, the next choice aims lower by as much. After the
 run what was achieved is measured on its own frames and written beside the prediction.
-
-What was measured is kept in the user's cache folder, in files named by a hash of their inputs.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
-import os
-import platform
-import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ValidationError
 from threadpoolctl import threadpool_limits
 
+from datafactory.accuracy.cache import Announce, cached, user_cache
 from datafactory.accuracy.knobs import DEFAULT, POWER_KNOBS, REFERENCE_DEPTH, SIGNAL_KNOBS, KnobSettings, Menu, Sample
 from datafactory.accuracy.looking import Advance, Cells, made, reference_of
 from datafactory.accuracy.power import Errors, Kept, peak_error, power_error, relative_l2, worst_of
@@ -36,64 +28,11 @@ from datafactory.frame.deal import Deal
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.preparation import Order, prepare
 from datafactory.scenes.materials.table import MaterialTable
-from shared.dataset.documents import read_json, sealed, unsealed
 from shared.dataset.folder import open_dataset, read_manifest
 from shared.dataset.locations import Location
 from shared.dataset.manifest import write_manifest
 from shared.dataset.reading import read_frame
-from shared.dataset.writing import write_json
 from shared.physics.errors import InputError
-
-Model = TypeVar("Model", bound=BaseModel)
-Announce = Callable[[str], None]
-
-
-def user_cache() -> Path:
-    """The platform's folder for what can be made again (XDG base directories; Library/Caches; LOCALAPPDATA)."""
-    given = os.environ.get("XDG_CACHE_HOME") or (os.environ.get("LOCALAPPDATA") if sys.platform == "win32" else None)
-    base = Path(given) if given else Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache")
-    return base / "sparseradar"
-
-
-def cached(
-    folder: Path, inputs: Mapping[str, Any], kind: type[Model], measure: Callable[[Path], Model], announce: Announce
-) -> Model:
-    """What was kept for these inputs, or else what ``measure`` returns, kept from now on.
-
-    :param inputs: JSON values; the code of the two packages joins them
-    :param measure: takes the file that will hold its result
-    :param announce: takes a line where the cache is damaged or cannot be written; the run goes on without it
-    """
-    document = json.dumps({**inputs, "kind": kind.__name__, "code": _code_hash()}, sort_keys=True, allow_nan=False)
-    path = folder / f"{hashlib.sha256(document.encode()).hexdigest()}.json"
-    if path.exists():
-        try:
-            return kind.model_validate(unsealed(path, read_json(path, "what was measured before")))
-        except (InputError, ValidationError):
-            announce(f"{path}: damaged, measured again")
-    value = measure(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        # Jobs of an array may share the folder: each writes a file of its own, and the last renames over the others.
-        own = path.with_name(f"{path.stem}-{platform.node()}-{os.getpid()}.json")
-        write_json(own, sealed(value.model_dump(mode="json")))
-        own.replace(path)
-    except OSError as error:
-        announce(f"{path}: cannot be kept ({error.strerror}); it will be measured again next time")
-    return value
-
-
-def _code_hash() -> str:
-    """SHA-256 over the sources of the two packages, so that changed code never meets old measurements."""
-    digest = hashlib.sha256()
-    for package in ("shared", "datafactory"):
-        spec = find_spec(package)
-        # Both packages are imported above: they have a place.
-        root = Path(str(spec.origin if spec else "")).parent
-        for path in sorted(root.rglob("*.py")):
-            digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
-
 
 FRAMES = 2
 """Frames of each scene that are measured, spread over the run."""

@@ -28,10 +28,10 @@ from datafactory.accuracy.knobs import Effort, KnobSettings, Sample
 from datafactory.paths.density import cell_power
 from datafactory.paths.solver import TraceSettings
 from shared.physics.units import amplitude_to_db
+from shared.physics.vectors import Real
 
 FLOOR_DB = -200.0
 WORDS = {"cube_db": "cube", "image_db": "image", "power_db": "power in a cell"}
-Real = NDArray[np.float64]
 DRAW, REFERENCE = 1000, 500
 """Draw d has realisations from 1000 d + 1 on, and its reference those from 1000 d + 501 on; 0 is the run's own."""
 

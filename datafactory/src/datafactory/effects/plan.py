@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from datafactory.effects.catalogue import DESCRIPTIONS, NAMES, NO_CHOICE, EffectSet
 from datafactory.frame import decision
@@ -39,6 +38,7 @@ from datafactory.paths.notice import Notice
 from datafactory.paths.table import PathTable
 from shared.dataset.writing import atomic
 from shared.physics.units import power_to_db
+from shared.physics.vectors import Real
 from shared.radar import Radar
 from shared.signal.windows import cell_noise_power
 
@@ -48,8 +48,6 @@ HALF_A_DECIBEL = 0.12
 """As a share of a cell's power."""
 NOISE_MARGIN = 1e3
 """A range bin whose strongest echo is less than 30 dB above the noise shows it."""
-
-Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

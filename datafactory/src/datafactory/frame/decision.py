@@ -27,13 +27,11 @@ from datafactory.paths.density import cell_map
 from datafactory.paths.notice import Notice, strongest
 from datafactory.paths.table import CORNER, DIFFRACTED, DIFFUSE, REFRACTED, SPECULAR, TARGET, PathTable
 from shared.physics.compiled import compiled
-from shared.physics.vectors import lengths
+from shared.physics.vectors import Real, lengths
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.radar.waveform import Waveform
 from shared.signal.windows import hann
-
-Real = NDArray[np.float64]
 
 POINTS = 64
 """Samples of the windows in these integrals; their spectra are a few bins wide."""

@@ -26,6 +26,7 @@ from datafactory.synthesis.motion import Recording
 from datafactory.synthesis.sorting import sorted_paths
 from shared.dataset import Box, Frame, Target
 from shared.physics.units import amplitude_to_db
+from shared.physics.vectors import Real
 from shared.radar import Radar
 from shared.radar.receiver import received
 from shared.signal.imaging import DEFAULT_TERMS, near_field_images
@@ -37,7 +38,6 @@ CELL_SPAN_DB = 60.0
 """Truth cells further below the image's peak than this are not listed where no noise sets the limit."""
 
 Value = TypeVar("Value")
-Real = NDArray[np.float64]
 
 
 class Hook(Protocol):

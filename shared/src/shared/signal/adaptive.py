@@ -62,7 +62,11 @@ def array_namespace(array: Array) -> Any:
 
 @contextmanager
 def one_thread(library: Any) -> Iterator[None]:
-    """LAPACK on one thread: on small matrices two wait for each other, a hundredfold where the cores are not free."""
+    """LAPACK on one thread: on small matrices two cost more than they save.
+
+    Where another process has one of two cores, 1890 inverses of 18 x 18 take torch 0.03 to 1.5 s with two threads,
+    which wait for each other at every matrix, and 0.014 s with one.
+    """
     if not hasattr(library, "set_num_threads"):
         yield
         return
@@ -169,6 +173,7 @@ def likes_ratio(filtered: Array, form: Array) -> Array:
 
 
 def bounded_power(power: Array) -> Array:
+    """Powers within :data:`LEAST_POWER` and :data:`MOST_POWER`."""
     return array_namespace(power).clip(power, LEAST_POWER, MOST_POWER)
 
 

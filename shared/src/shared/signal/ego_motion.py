@@ -85,7 +85,7 @@ class EgoMotion:
 
 
 def velocity_period_mps(radar: Radar) -> float:
-    """Velocities this far apart look alike."""
+    """Velocities this far apart [m/s] look alike."""
     return radar.waveform.velocity_span_mps * radar.velocity_intervals
 
 

@@ -80,6 +80,7 @@ def covariance_rows(range_channel: Snapshots, bins: int) -> Complex[Array, "*bat
     """
     xp = array_namespace(range_channel)
     channels = range_channel.shape[-1]
+    # Rows and columns of the covariance whose upper triangle fits.
     kept = min(channels, int((np.sqrt(8.0 * bins + 1.0) - 1.0) / 2.0))
     first, second = np.triu_indices(kept)
     padding = bins - len(first)

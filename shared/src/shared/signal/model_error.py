@@ -8,6 +8,9 @@ residual by targets that are not there. Told the sum of both as noise it does no
 
 with e the model error [dB]. The sum is exact for residuals that are white over the channels, independent of the noise,
 and of the same share for every echo. Weak targets beside a strong one, below e less the array's gain, are lost with it.
+
+Measured on 77 GHz boards: calibrated with one capture, a plane wave leaves -19 to -21 dB of the power of a reflector in
+another, at a signal-to-noise ratio of 52 to 62 dB.
 """
 
 from __future__ import annotations
@@ -38,7 +41,8 @@ def model_error_ratio(model_error_db: float) -> float:
 
 
 def with_model_error(noise_power: Any, row_power: Any, model_error: Any) -> Any:
-    """sigma^2 plus the share ``model_error`` of the row's power mean_c |x_c|^2, of NumPy or torch; they broadcast."""
+    """sigma^2 plus the share ``model_error`` of the row's power mean_c |x_c|^2, in one unit, of NumPy or torch; they
+    broadcast."""
     return noise_power + model_error * row_power
 
 

@@ -6,7 +6,8 @@ mid-sweep, positive when receding. In the Doppler cell whose centre is f these c
 
     exp(-j 2 pi f i T / N)
 
-(Bechter, Roos and Waldschmidt, IEEE Microwave and Wireless Components Letters 27, 2017). TX 0 keeps its values.
+(Bechter, Roos and Waldschmidt, "Compensation of motion-induced phase errors in TDM MIMO radars", IEEE Microwave and
+Wireless Components Letters 27, 2017). TX 0 keeps its values.
 
 The chirps of one TX come every T, so that f_D is f + h / T with an integer h, the *interval*, that no Doppler spectrum
 knows. Channels of different TX whose virtual elements coincide see the same echo at different times. After the turn

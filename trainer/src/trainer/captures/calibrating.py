@@ -154,6 +154,8 @@ def _fit(captures: Sequence[RawCapture], places: Sequence[Place], board: str) ->
     radar = captures[0].radar
     dead = _dead(captures, [factor for factor, _ in responses])
     alive = np.setdiff1d(np.arange(radar.array.channels), dead)
+    if not len(alive):
+        raise InputError(places[0].source, "no channel with an echo of the reflector", "one at least")
     factors = np.array([factor[alive] for factor, _ in responses])
     channel = np.ones(radar.array.channels, np.complex128)
     channel[alive] = np.linalg.svd(factors, full_matrices=False)[2][0]

@@ -171,22 +171,17 @@ def find_detections(
             shift = velocity_offsets(np.stack([below, values, above]), bins, array, at, fitted, sought.noise_power)
         columns = (fitted.u, fitted.offset, np.abs(fitted.amplitude), fitted.u_std, fitted.offset_std, *shift)
         found.append(np.stack([values[group, line] for values in columns]))
-        # The cell that a line stands in, the centre's where no neighbour is known there.
-        own_peak, own_row, step_there = peak[members][group], row[members][group], np.rint(fitted.offset[group, line])
-        for step, peaks_there in peaks_at.items():
-            own_peak = np.where(step_there == step, peaks_there[group], own_peak)
-            own_row = own_row + step * (step_there == step)
-        part.append(np.stack([members[group], power.sum(axis=1)[group], noise[group], own_peak, own_row]))
+        part.append(np.stack([members[group], power.sum(axis=1)[group], noise[group]]))
     u, offset, amplitude, u_std, offset_std, shift, shift_std = np.concatenate([np.empty((7, 0)), *found], axis=1)
-    group, energy, noise, own_peak, own_row = np.concatenate([np.empty((5, 0)), *part], axis=1)
+    group, energy, noise = np.concatenate([np.empty((3, 0)), *part], axis=1)
     group = group.astype(np.intp)
     half_bin = 0.5 * radar.grid.step
     shown = (u >= axis[0] - half_bin) & (u <= axis[-1] + half_bin)
     shown &= ~(offset_std > PLACED_BINS) & (row[group] + offset >= LEAST_BIN)
-    centre_places, nearest = _place(cells[peak, row], row), np.rint(row[group] + offset).astype(np.int64)
-    at_a_centre = np.isin(_place(cells[peak, row][group], nearest), centre_places)
+    cell, nearest = cells[peak[group], row[group]], np.rint(row[group] + offset).astype(np.intp)
+    at_a_centre = np.isin(_place(cell, nearest), _place(cells[peak, row], row))
     shown &= np.abs(offset) <= np.where(at_a_centre, OWN_BINS, REACH_BINS)
-    lines = Lines(group, energy, row[group] + offset, cells[peak[group], row[group]], u, amplitude_to_db(amplitude))
+    lines = Lines(group, energy, row[group] + offset, cell, u, amplitude_to_db(amplitude))
     near = SAME_ANGLE_CELLS * array.resolution_cell
     kept = lines.once(np.flatnonzero(shown), near, waveform.chirps)
     kept = lines.explained_by_none(kept, near, waveform.chirps, float(np.sqrt(least / array.channels)))
@@ -195,7 +190,10 @@ def find_detections(
     kept = lines.no_ghosts(kept, array, -np.log(GHOST_PROBABILITY) * error * float(db_to_power(REPORTED_WITHIN_DB)))
     beams = Beams(snapshots, np.where(new, cells, np.iinfo(np.int64).max), range_m, array)
     kept = lines.no_sidebands(kept, beams, SIDEBANDS_DB + float(power_to_db(waveform.chirps)))
-    peaks, rows = own_peak[kept].astype(np.intp), own_row[kept].astype(np.intp)
+    # The cell that a line stands in; the centre's where that one is not known.
+    own = _peak_in(cells, new, cell[kept], nearest[kept])
+    peaks = np.where(own >= 0, own, peak[group[kept]])
+    rows = np.where(own >= 0, nearest[kept], row[group[kept]])
     head = None if probability is None else _around(probability, peaks, rows, u[kept], axis)
     snr_db = lines.level_db[kept] + power_to_db(array.channels / noise[kept])
     centre_mps = np.asarray(velocity, dtype=np.float64)[peaks, rows]
@@ -225,7 +223,7 @@ def with_moving(found: Detections, motion: EgoMotion | None, radar: Radar) -> De
 def _heard(
     snapshots: NDArray[np.complexfloating], new: NDArray[np.bool_], array: LineArray, least: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
-    """(peaks, rows) of the cells in which an angle takes more than ``least`` [W], and what it takes."""
+    """(peaks [n], rows [n]) of the cells in which an angle takes more than ``least`` [W], and what it takes [n] [W]."""
     peak, row = np.nonzero(new)
     cells = np.asarray(snapshots, dtype=np.complex128)[peak, row]
     most = beside_lines(cells, array, uniform_axis(array, SEARCH_POINTS), np.empty((len(cells), 0)))[0].max(axis=1)
@@ -240,6 +238,7 @@ def _centres(
 
     The strongest is one; the next strongest is one if it is no neighbour of a stronger one in range; and so on.
 
+    :param peak, row: [n] of the cells that were heard; :param energy: [n] what their best angle takes [W]
     :param cells: [D, R] the Doppler cell of each peak
     """
     places, taken = _place(cells[peak, row], row).tolist(), set[int]()
@@ -257,15 +256,23 @@ def _place(cell: NDArray[np.int64], row: NDArray[np.integer]) -> NDArray[np.int6
     return cell * MOST_BINS + row
 
 
+def _peak_in(
+    cells: NDArray[np.int64], new: NDArray[np.bool_], cell: NDArray[np.int64], row: NDArray[np.intp]
+) -> NDArray[np.intp]:
+    """[n] which peak of a range bin holds a Doppler cell, -1 where none does, or there is no such bin.
+
+    :param cells: [D, R] the Doppler cell of each peak; :param new: [D, R] those that count; :param cell, row: [n]
+    """
+    there = np.clip(row, 0, cells.shape[1] - 1)
+    same = (cells[:, there] == cell) & new[:, there] & (there == row)
+    return np.where(same.any(axis=0), same.argmax(axis=0), -1)
+
+
 def _patterns(
     peak: NDArray[np.intp], row: NDArray[np.intp], cells: NDArray[np.int64], new: NDArray[np.bool_]
 ) -> Iterator[tuple[dict[int, NDArray[np.intp]], NDArray[np.intp]]]:
     """By which neighbouring bins hold a centre's Doppler cell too: ({bins from it: [n] peaks}, [n] the centres)."""
-    own, beside = cells[peak, row], {}
-    for step in (-1, 1):
-        other = np.clip(row + step, 0, cells.shape[1] - 1)
-        same = (cells[:, other] == own) & new[:, other] & (other == row + step)
-        beside[step] = np.where(same.any(axis=0), same.argmax(axis=0), -1)
+    beside = {step: _peak_in(cells, new, cells[peak, row], row + step) for step in (-1, 1)}
     for left in (False, True):
         for right in (False, True):
             members = np.flatnonzero(((beside[-1] >= 0) == left) & ((beside[1] >= 0) == right))

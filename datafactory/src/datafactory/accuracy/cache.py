@@ -1,0 +1,69 @@
+"""What was measured once and need not be again: files in the user's cache folder, named by a hash of their inputs."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import sys
+from collections.abc import Callable, Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from shared.dataset.documents import read_json, sealed, unsealed
+from shared.dataset.writing import write_json
+from shared.physics.errors import InputError
+
+Model = TypeVar("Model", bound=BaseModel)
+Announce = Callable[[str], None]
+
+
+def user_cache() -> Path:
+    """The platform's folder for what can be made again (XDG base directories; Library/Caches; LOCALAPPDATA)."""
+    given = os.environ.get("XDG_CACHE_HOME") or (os.environ.get("LOCALAPPDATA") if sys.platform == "win32" else None)
+    base = Path(given) if given else Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache")
+    return base / "sparseradar"
+
+
+def cached(
+    folder: Path, inputs: Mapping[str, Any], kind: type[Model], measure: Callable[[Path], Model], announce: Announce
+) -> Model:
+    """What was kept for these inputs, or else what ``measure`` returns, kept from now on.
+
+    :param inputs: JSON values; the code of the two packages joins them
+    :param measure: takes the file that will hold its result
+    :param announce: takes a line where the cache is damaged or cannot be written; the run goes on without it
+    """
+    document = json.dumps({**inputs, "kind": kind.__name__, "code": _code_hash()}, sort_keys=True, allow_nan=False)
+    path = folder / f"{hashlib.sha256(document.encode()).hexdigest()}.json"
+    if path.exists():
+        try:
+            return kind.model_validate(unsealed(path, read_json(path, "what was measured before")))
+        except (InputError, ValidationError):
+            announce(f"{path}: damaged, measured again")
+    value = measure(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # Jobs of an array may share the folder: each writes a file of its own, and the last renames over the others.
+        own = path.with_name(f"{path.stem}-{platform.node()}-{os.getpid()}.json")
+        write_json(own, sealed(value.model_dump(mode="json")))
+        own.replace(path)
+    except OSError as error:
+        announce(f"{path}: cannot be kept ({error.strerror}); it will be measured again next time")
+    return value
+
+
+def _code_hash() -> str:
+    """SHA-256 over the sources of the two packages, so that changed code never meets old measurements."""
+    digest = hashlib.sha256()
+    for package in ("shared", "datafactory"):
+        spec = find_spec(package)
+        # Both packages are imported above: they have a place.
+        root = Path(str(spec.origin if spec else "")).parent
+        for path in sorted(root.rglob("*.py")):
+            digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
