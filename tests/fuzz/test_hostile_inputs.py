@@ -56,6 +56,7 @@ REFUSED: dict[str, tuple[str, Callable[[Path], object]]] = {
     "deep-targets.json": (DEEP, read_targets),
     "deep-materials.toml": (f"x = {DEEP}", load_materials),
     "deep-radar.toml": (f"x = {DEEP}", lambda path: load_radar(str(path))),
+    "deep-step.xml": (BOX.format("<x>" * 100_000 + "</x>" * 100_000), lambda path: open_scene(str(path))),
     MANIFEST: (DEEP, lambda path: open_dataset(path.parent)),
     "flat.obj": ("v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n", lambda path: open_scene(str(path))),
 }

@@ -251,7 +251,7 @@ def _transform(path: Path, name: str, element: ElementTree.Element) -> NDArray[n
     for step in element:
         matrix = _step(step)
         if matrix is None or not np.isfinite(matrix).all() or not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
-            written = ElementTree.tostring(step, encoding="unicode").strip()
+            written = ElementTree.tostring(ElementTree.Element(step.tag, step.attrib), encoding="unicode")
             expected = "<translate>, <scale>, <rotate>, <lookat> or an affine <matrix>, with finite numbers"
             raise InputError(path, f"shape {name!r}: to_world has {written}", expected)
         total = matrix @ total
