@@ -4,9 +4,9 @@ The reader creates no Mitsuba object, so that it needs no plugin: of a BSDF it r
 lights and integrators. A Mitsuba file states no unit. Sionna's scenes are in metres with z up, and every file is read
 so.
 
-Mitsuba's own parser is not used: importing Mitsuba loads Dr.Jit, which loads the first libLLVM that it finds, and
-without a variant it does not give its transforms away. Python's parser fetches no external entity, and expat bounds the
-expansion of internal ones.
+Mitsuba's own parser is not used: elements nested some thousand deep crash it, parameters of parameters fill the memory
+(docs/notes/soak.md), and importing it loads Dr.Jit, which takes the first libLLVM that it finds. Python's parser
+fetches no external entity, and expat bounds the expansion of internal ones.
 """
 
 from __future__ import annotations
