@@ -20,6 +20,7 @@ from shared.physics.errors import InputError
 from shared.radar import Radar
 from shared.signal import if_signal
 from shared.signal.adaptive import adaptive_tables
+from shared.signal.ego_motion import EgoMotion, StaticWorld
 from shared.signal.features import adaptive_features, row_features, snapshot_features, steering_weights
 from trainer.cli.app import app
 from trainer.data.measurements import Measurement, open_measurements
@@ -160,6 +161,38 @@ def test_a_network_is_told_the_model_error_of_a_capture(tmp_path):
 
     np.testing.assert_allclose(imaged(0.0, model_error_db=-10.0), imaged(0.1), rtol=1e-5)
     assert np.abs(imaged(0.1) - imaged(0.0)).max() > 1e-3
+
+
+@pytest.mark.parametrize("changes", [{}, {"told": 0.5}, SPECTRAL], ids=["unrolled", "told", "spectral"])
+def test_a_row_that_stands_in_several_images_is_computed_once(tmp_path, monkeypatch, changes):
+    """A peak that repeats the strongest of its range bin: five images, as of all their rows."""
+    answer = network_answer(*load_imager(make_run(tmp_path / "run", **changes)))
+    generator = torch.Generator().manual_seed(3)
+    for weights in answer.imager.network.parameters():
+        torch.nn.init.normal_(weights, std=0.1, generator=generator)
+    snapshots = np.concatenate([frame(5).range_channel, frame(6).range_channel[:2]])
+    velocity = np.arange(5, dtype=np.float32)[:, None] + np.linspace(0.0, 0.5, 24, dtype=np.float32)
+    again = np.random.default_rng(4).random(velocity.shape) < 0.5
+    again[0] = False
+    snapshots, velocity = np.where(again[..., None], snapshots[0], snapshots), np.where(again, velocity[0], velocity)
+    motion = EgoMotion.of_vehicle(3.0, 0.0, 0.0) if changes == {"told": 0.5} else None
+    measurement = Measurement("m", 0, snapshots, velocity, NOISE_POWER, None, motion=motion)
+    computed, features = [], answer.imager.features
+
+    def counted(rows, *more):
+        computed.append(rows.shape[:2])
+        return features(rows, *more)
+
+    monkeypatch.setattr(answer.imager, "features", counted)
+    found = answer.peaks(measurement)
+    world = None if motion is None else StaticWorld(motion, velocity, answer.radar)
+    expected = answer.images(snapshots, NOISE_POWER, world=world)
+    assert computed == [(1, (~again).sum()), (5, 24)]
+    for one, other in zip(found, expected, strict=True):
+        if one is None or other is None:
+            assert one is other
+        else:
+            assert np.abs(one - other).max() < 2e-3 * np.abs(other).max()
 
 
 def test_the_unrolled_network_is_exported_in_real_arithmetic(tmp_path):

@@ -60,6 +60,8 @@ SMALLEST = 1e-8
 """Far below any magnitude over its row's: the slope of a root stays finite."""
 RARE = -4.0
 """Logit that detection starts with: a target in one pixel of fifty."""
+IMAGES_AT_ONCE = 3
+"""Of rows that stand in many images: what the U-Net needs for one fits into memory that the last one left."""
 
 
 class LearnedStep(nn.Module):
@@ -77,6 +79,12 @@ class LearnedStep(nn.Module):
 
     def forward(self, state: Float[torch.Tensor, "batch planes rows bins"]) -> Float[torch.Tensor, "batch 2 rows bins"]:
         return self.last(functional.gelu(self.second(functional.gelu(self.first(state)))))
+
+
+def laid_out(rows: torch.Tensor, place: torch.Tensor) -> torch.Tensor:
+    """[D, F, L, U] images of rows [1, F, R, U], of which ``place`` [D, L] says which stands where: one that stands in
+    several images is computed once."""
+    return rows[0].permute(1, 2, 0)[place].permute(0, 3, 1, 2)
 
 
 class UnrolledNetwork(nn.Module):
@@ -130,9 +138,16 @@ class UnrolledNetwork(nn.Module):
             nn.init.zeros_(self.prior.weight)
 
     def forward(
-        self, snapshots: Float[torch.Tensor, "batch planes rows 1"], prior: torch.Tensor | None = None
-    ) -> Float[torch.Tensor, "batch {self.outputs} rows {self.bins}"]:
-        """The answer; ``prior`` [B, R, N] is that of :mod:`shared.signal.adaptive`, the same everywhere by default."""
+        self,
+        snapshots: Float[torch.Tensor, "batch planes rows 1"],
+        prior: torch.Tensor | None = None,
+        place: torch.Tensor | None = None,
+    ) -> Float[torch.Tensor, "images {self.outputs} bins_of_range {self.bins}"]:
+        """The answer, of [B, R] rows.
+
+        :param prior: [B, R, N] that of :mod:`shared.signal.adaptive`, the same everywhere by default
+        :param place: [D, L] see :func:`laid_out`; by default the rows are images as they come
+        """
         batch, planes, rows, _ = snapshots.shape
         known = None if prior is None else prior.reshape(batch * rows, -1)
         with torch.autocast(snapshots.device.type, enabled=False):
@@ -152,7 +167,7 @@ class UnrolledNetwork(nn.Module):
             with torch.autocast(snapshots.device.type, enabled=False):
                 filtered, form = adaptive_forms(power, snapshot, noise, tables)
         weight = None if prior is None else prior[..., : self.bins]
-        return self.corrected(seen, power, filtered.real, filtered.imag, form, noise, shape, weight)
+        return self.corrected(seen, power, filtered.real, filtered.imag, form, noise, shape, weight, place)
 
     def corrected(
         self,
@@ -164,22 +179,30 @@ class UnrolledNetwork(nn.Module):
         noise: torch.Tensor,
         shape: tuple[int, int, int],
         prior: torch.Tensor | None = None,
+        place: torch.Tensor | None = None,
     ) -> torch.Tensor:
-        """[B, 1 or 2, R, U] the answer, of what the iterations have found in B R rows.
+        """[B, 1 or 2, R, U] the answer, or of the images of ``place``, of what the iterations have found in B R rows.
 
         :param seen: [B R, U] the virtual view
         :param power, real, imaginary, form: [B R, N] P, the parts of q, and s
         :param noise: [B R] over the row's power
         :param shape: (B, R, U)
         :param prior: [B, R, U]
+        :param place: see :meth:`forward`
         """
         base = (seen + SMALLEST).pow(self.exponent).reshape(shape)
         state, level = self.state(power, real, imaginary, form, noise, shape)
         known = torch.cat([state, base[:, None], level[:, None]], dim=1)
         if self.prior is not None and prior is not None:
             known = known + self.prior(prior.log10()[:, None]).float()
-        answer = self.context(known).float() + self.row(known).float()
-        return torch.cat([answer[:, :1] + base[:, None], answer[:, 1:]], dim=1)
+        own, base = self.row(known).float(), base[:, None]
+        if place is None:
+            context = self.context(known).float()
+        else:
+            context = torch.cat([self.context(laid_out(known, some)).float() for some in place.split(IMAGES_AT_ONCE)])
+            own, base = laid_out(own, place), laid_out(base, place)
+        answer = context + own
+        return torch.cat([answer[:, :1] + base, answer[:, 1:]], dim=1)
 
     def stepped(self, power: torch.Tensor, filtered: Any, form: torch.Tensor, correction: torch.Tensor) -> torch.Tensor:
         """The powers after a learned step; angles outside the image take the plain one."""

@@ -173,16 +173,31 @@ class NetworkAnswer(Answer):
         noise_power: float,
         model_error_db: float = NO_MODEL_ERROR_DB,
         world: StaticWorld | None = None,
+        place: NDArray[np.intp] | None = None,
     ) -> Images:
+        """See :meth:`Answer.images`.
+
+        :param place: which rows stand where, see :func:`trainer.networks.unrolled.laid_out`
+        """
         with torch.inference_mode():
             snapshots = self._tensor(range_channel)
-            noise = torch.full((len(snapshots),), noise_power, dtype=torch.float64, device=snapshots.device)
+            device = snapshots.device
+            noise = torch.full((len(snapshots),), noise_power, dtype=torch.float64, device=device)
             prior = None
             if world is not None and self.uses_motion:
                 weights = world.prior(scanned_angles(self.radar)).astype(np.float32)
-                prior = torch.from_numpy(weights).to(snapshots.device)
-            images, probability = self.imager.detect(snapshots, noise, model_error_db, prior)
+                prior = torch.from_numpy(weights).to(device)
+            stands = None if place is None else torch.from_numpy(place).to(device)
+            images, probability = self.imager.detect(snapshots, noise, model_error_db, prior, stands)
             return images.cpu().numpy(), None if probability is None else probability.float().cpu().numpy()
+
+    def peaks(self, measurement: Measurement) -> Images:
+        """A peak that repeats an earlier one of its range bin has the strongest's row, which is computed once."""
+        new = new_peaks(measurement.velocity)
+        rows, world = measurement.range_channel[new], self._world(measurement)
+        place = np.where(new, np.cumsum(new).reshape(new.shape) - 1, np.arange(new.shape[1]))
+        known = None if world is None else world[new][None]
+        return self.images(rows[None], measurement.noise_power, measurement.model_error_db, known, place)
 
     def das(self, range_channel: NDArray[np.complexfloating]) -> NDArray[np.floating]:
         with torch.inference_mode():

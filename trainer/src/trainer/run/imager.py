@@ -28,7 +28,7 @@ from shared.signal.model_error import NO_MODEL_ERROR_DB, model_error_ratio
 from trainer.data.arrays import ArrayChoice
 from trainer.networks.doa_cnn import LEAST_CHANNELS, DoaCnn
 from trainer.networks.unets import AttentionUNet, SpectralUNet
-from trainer.networks.unrolled import UnrolledNetwork
+from trainer.networks.unrolled import UnrolledNetwork, laid_out
 from trainer.run.configuration import FitConfig
 from trainer.run.targets import PROBABILITY, UNITS, decode
 
@@ -166,14 +166,20 @@ class Imager(nn.Module):
         """[B, R, U] delay-and-sum magnitude of the same channels [sqrt(W)], the network's baseline."""
         return (range_channel[..., self.channels] @ self.weights).abs()
 
-    def answer(self, features: torch.Tensor, prior: torch.Tensor | None = None) -> torch.Tensor:
+    def answer(
+        self, features: torch.Tensor, prior: torch.Tensor | None = None, place: torch.Tensor | None = None
+    ) -> torch.Tensor:
         """[B, 1 or 2, R, U] of the network, see :func:`in_bfloat16`.
 
         :param prior: [B, R, N] of an "unrolled" network
+        :param place: see :meth:`detect`
         """
-        device, known = features.device.type, () if prior is None else (prior,)
+        device = features.device.type
         with torch.autocast(device, torch.bfloat16, enabled=in_bfloat16(self.config, device)):
-            return self.network(features.contiguous(memory_format=torch.channels_last), *known)
+            if isinstance(self.network, UnrolledNetwork):
+                return self.network(features, prior, place)
+            images = features if place is None else laid_out(features, place)
+            return self.network(images.contiguous(memory_format=torch.channels_last))
 
     @property
     def detects(self) -> bool:
@@ -186,17 +192,20 @@ class Imager(nn.Module):
         noise_power: torch.Tensor,
         model_error_db: float = NO_MODEL_ERROR_DB,
         prior: torch.Tensor | None = None,
+        place: torch.Tensor | None = None,
     ) -> tuple[torch.Tensor, torch.Tensor | None]:
         """([B, R, U] image, see :data:`trainer.run.targets.UNITS`; [B, R, U] probability of a target, or None).
 
-        A network without a detection head has no such probability, but where its image is one.
+        A network without a detection head has no such probability, but where its image is one. With ``place`` the
+        images are those of :func:`trainer.networks.unrolled.laid_out`, and B is 1.
 
         :param model_error_db: what calibration leaves of a plane wave, see :mod:`shared.signal.model_error`
         :param prior: see :meth:`answer`
         :raises InputError: a model error above 0 dB
         """
         features, scale = self.features(range_channel, noise_power, model_error_ratio(model_error_db))
-        answer = self.answer(features, prior)
+        answer = self.answer(features, prior, place)
+        scale = scale if scale is None or place is None else scale[0][place]
         image = self.gain * decode(self.config, answer, scale)
         if self.detects:
             return image, answer[:, 1].float().sigmoid()
