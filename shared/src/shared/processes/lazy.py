@@ -1,15 +1,18 @@
 """The names of our packages: what they make public, and whether a stranger's package has taken the name.
 
 A public name is imported when it is first used (PEP 562): ``import datafactory`` and ``datafactory --help`` load
-nothing that computes. The public index has distributions that install ``shared`` or ``trainer``. The one that is
-installed later writes over the files of the other, without a word. Each of ours asks here when it begins.
+nothing that computes. Nor do they load :mod:`importlib.metadata`, which would be a twelfth of that help's time.
+
+The public index has distributions that install ``shared`` or ``trainer``. The one that is installed later writes over
+the files of the other, without a word. Each of ours asks here when it begins.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Mapping
-from importlib import import_module, metadata
+from importlib import import_module
 from typing import Any
 
 VERSION = "__version__"
@@ -35,6 +38,8 @@ def lazy_names(
 
     def find(name: str) -> Any:
         if name == VERSION:
+            from importlib import metadata
+
             value: Any = metadata.version(distribution)
         elif name in modules:
             module = import_module(modules[name])
@@ -55,6 +60,8 @@ def strangers(package: str) -> list[str]:
 
     It reads the records of every distribution, a tenth of a second.
     """
+    from importlib import metadata
+
     found = metadata.packages_distributions().get(package, [])
     return sorted({name for name in found if name.lower().replace("_", "-") != OURS[package]})
 
@@ -70,6 +77,10 @@ def refuse_namesake(package: str) -> None:
 
     :raises ImportError: a distribution of the package's very name is installed
     """
+    if not any(_holds_distribution(folder, package) for folder in sys.path):
+        return
+    from importlib import metadata
+
     try:
         name = str(metadata.metadata(package)["Name"])
     except metadata.PackageNotFoundError:
@@ -78,3 +89,13 @@ def refuse_namesake(package: str) -> None:
         f"the distribution {name!r} is installed over {OURS[package]!r}, both bring the package {package!r}; "
         f"mend it: {remedy(package, [name])}"
     )
+
+
+def _holds_distribution(folder: str, name: str) -> bool:
+    """Whether an import folder may have the metadata of a distribution of this name."""
+    try:
+        files = os.listdir(folder or ".")
+    except OSError:
+        return False
+    begins, ends = (f"{name}-", f"{name}."), (".dist-info", ".egg-info")
+    return any(file.lower().startswith(begins) and file.endswith(ends) for file in files)
