@@ -59,10 +59,10 @@ class RealUnrolledNetwork(nn.Module):
         magnitude = (seen.real.square() + seen.imag.square() + LEAST_POWER).sqrt() - LEAST_POWER**0.5
         shape = (batch, rows, self.network.bins)
         for step in self.network.steps:
-            state, _ = self.network.state(power, *filtered, form, noise, shape)
+            state, _ = self.network.state(power, filtered, form, noise, shape)
             power = self.network.stepped(power, filtered, form, step(state))
             filtered, form = self._forms(power, real, imaginary, noise)
-        return self.network.corrected(magnitude, power, *filtered, form, noise, shape)
+        return self.network.corrected(magnitude, power, filtered, form, noise, shape)
 
     def _forms(
         self, power: torch.Tensor, real: torch.Tensor, imaginary: torch.Tensor, noise: torch.Tensor

@@ -160,21 +160,20 @@ class UnrolledNetwork(nn.Module):
                 seen = virtual_view(power, filtered, form, self.get_buffer("view"), uncertain=0.0)
         shape = (batch, rows, self.bins)
         for step in self.steps:
-            state, _ = self.state(power, filtered.real, filtered.imag, form, noise, shape)
+            state, _ = self.state(power, filtered, form, noise, shape)
             power = self.stepped(power, filtered, form, step(state))
             if known is not None:
                 power = bounded_power(power * known**PRIOR_EXPONENT)
             with torch.autocast(snapshots.device.type, enabled=False):
                 filtered, form = adaptive_forms(power, snapshot, noise, tables)
         weight = None if prior is None else prior[..., : self.bins]
-        return self.corrected(seen, power, filtered.real, filtered.imag, form, noise, shape, weight, place)
+        return self.corrected(seen, power, filtered, form, noise, shape, weight, place)
 
     def corrected(
         self,
         seen: torch.Tensor,
         power: torch.Tensor,
-        real: torch.Tensor,
-        imaginary: torch.Tensor,
+        filtered: Any,
         form: torch.Tensor,
         noise: torch.Tensor,
         shape: tuple[int, int, int],
@@ -184,14 +183,14 @@ class UnrolledNetwork(nn.Module):
         """[B, 1 or 2, R, U] the answer, or of the images of ``place``, of what the iterations have found in B R rows.
 
         :param seen: [B R, U] the virtual view
-        :param power, real, imaginary, form: [B R, N] P, the parts of q, and s
+        :param power, filtered, form: [B R, N] P, q with its parts ``real`` and ``imag``, and s
         :param noise: [B R] over the row's power
         :param shape: (B, R, U)
         :param prior: [B, R, U]
         :param place: see :meth:`forward`
         """
         base = (seen + SMALLEST).pow(self.exponent).reshape(shape)
-        state, level = self.state(power, real, imaginary, form, noise, shape)
+        state, level = self.state(power, filtered, form, noise, shape)
         known = torch.cat([state, base[:, None], level[:, None]], dim=1)
         if self.prior is not None and prior is not None:
             known = known + self.prior(prior.log10()[:, None]).float()
@@ -216,15 +215,14 @@ class UnrolledNetwork(nn.Module):
     def state(
         self,
         power: torch.Tensor,
-        real: torch.Tensor,
-        imaginary: torch.Tensor,
+        filtered: Any,
         form: torch.Tensor,
         noise: torch.Tensor,
         shape: tuple[int, int, int],
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """([B, STATE, R, U] what the iteration knows at the image's angles, [B, R, U] compressed |P q|)."""
         power, form = power[:, : self.bins], form[:, : self.bins]
-        real, imaginary = (part[:, : self.bins] * form.rsqrt() for part in (real, imaginary))
+        real, imaginary = (part[:, : self.bins] * form.rsqrt() for part in (filtered.real, filtered.imag))
         ratio = real.square() + imaginary.square()
         shrunk = (1.0 + ratio).rsqrt()
         real, imaginary = real * shrunk, imaginary * shrunk
