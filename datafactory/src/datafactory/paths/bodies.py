@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ WELD_M = 1e-4
 class Body:
     """T triangles of one motion on V common vertices, and the E edges that one or two of them have.
 
+    :param meshes: whose triangles they are, indices into ``MergedScene.meshes``
     :param vertices: [V, 3] world [m], without the meshes' shift; :param triangles: [T, 3]
     :param mesh: [T] index into ``MergedScene.meshes``
     :param owner: [T] index into ``MergedScene.objects``
@@ -40,6 +42,7 @@ class Body:
     :param found: what was found of it once, see :mod:`datafactory.paths.merged_scene`
     """
 
+    meshes: Sequence[int]
     vertices: Real
     triangles: Index
     mesh: Index
@@ -52,6 +55,21 @@ class Body:
     non_manifold: int
     collapsed: int
     found: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
+
+    @cached_property
+    def corners(self) -> Real:
+        """[T, 3, 3] of the triangles [m]."""
+        return self.vertices[self.triangles]
+
+    @cached_property
+    def areas(self) -> Real:
+        """[T, 3] twice the area of every triangle [m^2], along its normal."""
+        return np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
+
+    @cached_property
+    def normals(self) -> Real:
+        """[T, 3] unit."""
+        return self.areas / np.linalg.norm(self.areas, axis=1, keepdims=True)
 
 
 @found_once
@@ -95,7 +113,7 @@ def into_faces(body: Body) -> tuple[Real, Real]:
     along = unit(body.vertices[body.pairs[:, 1]] - start)
     found = []
     for side in (0, 1):
-        centre = body.vertices[body.triangles[body.faces[:, side]]].mean(axis=1) - start
+        centre = body.corners[body.faces[:, side]].mean(axis=1) - start
         found.append(unit(centre - np.einsum("ei,ei->e", centre, along)[:, None] * along))
     return found[0], found[1]
 
@@ -130,6 +148,7 @@ def _body(meshes: Sequence[MergedMesh], members: list[int]) -> Body:
     double[single] = False
     pairs, faces, rim, non_manifold = _shared_edges(triangles[kept])
     return Body(
+        meshes=members,
         vertices=vertices,
         triangles=triangles[kept],
         mesh=mesh[kept],

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from datafactory.paths.bodies import Body, bodies_of, components, into_faces
-from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of
+from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of, pairs_in_runs
 from datafactory.paths.merged_scene import MergedScene, found_once, motions_of
 from datafactory.paths.smooth import smooth_facets
 from shared.physics.vectors import Index, Mask, Real, unit
@@ -177,18 +177,10 @@ def _neighbours(edges: WedgeEdges, pairs: Index) -> Index:
     """[N, 2] pairs of edges that continue each other through a common vertex."""
     vertex, edge = pairs.reshape(-1), np.repeat(np.arange(len(pairs)), 2)
     order = np.argsort(vertex, kind="stable")
-    vertex, edge = vertex[order], edge[order]
-    found = [np.zeros((0, 2), dtype=np.int64)]
-    step = 1
-    while step < len(vertex):
-        here = np.flatnonzero(vertex[step:] == vertex[:-step])  # the step-th next edge around the same vertex
-        if not len(here):
-            break
-        a, b = edge[here], edge[here + step]
-        same = _continue_each_other(edges, a, b)
-        found.append(np.stack([a[same], b[same]], axis=1))
-        step += 1
-    return np.concatenate(found)
+    one, other = pairs_in_runs(vertex[order])
+    once = one < other
+    a, b = edge[order[one[once]]], edge[order[other[once]]]
+    return np.stack([a, b], axis=1)[_continue_each_other(edges, a, b)]
 
 
 def _continue_each_other(edges: WedgeEdges, a: Index, b: Index) -> Mask:

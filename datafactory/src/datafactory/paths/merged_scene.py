@@ -129,19 +129,6 @@ class MergedMesh:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
-    """Some meshes of a merged scene as a scene of their own, without targets.
-
-    :param meshes: [M'] their indices in the whole, rising
-    :param triangles: [T'] indices of their triangles among all of the whole
-    """
-
-    scene: MergedScene
-    meshes: Index
-    triangles: Index
-
-
-@dataclass(frozen=True, eq=False)
 class MergedScene:
     """All merged meshes of a scene, at one time.
 
@@ -191,17 +178,16 @@ class MergedScene:
         return self if self.at_rest is None or self.turns else self.at_rest
 
     @cached_property
-    def parts(self) -> tuple[Part, ...]:
-        """What does not turn, as it is at time 0, the same object at all times; then what does, if anything, as it is
-        now. No rigid body is in both."""
-        still = self._part(~self.turned) if self.at_rest is None else self.at_rest.parts[0]
-        return (still, self._part(self.turned)) if self.turns else (still,)
+    def corners(self) -> Real:
+        """[T, 3, 3] of all meshes' triangles one after another, world [m], without the meshes' shifts."""
+        return np.concatenate([np.zeros((0, 3, 3)), *(mesh.vertices[mesh.triangles] for mesh in self.meshes)])
 
-    def _part(self, chosen: Mask) -> Part:
-        meshes = np.flatnonzero(chosen)
-        # What was found of the whole scene before is known of it as its only part too.
-        scene = self if chosen.all() else MergedScene(tuple(self.meshes[mesh] for mesh in meshes), self.objects)
-        return Part(scene, meshes, np.flatnonzero(chosen[self.mesh_of_triangle]))
+    @cached_property
+    def normals(self) -> Real:
+        """[T, 3] unit, of all triangles; 0 of one without an area."""
+        normal = np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        return normal / np.where(length > 0.0, length, 1.0)
 
     @cached_property
     def mesh_of_triangle(self) -> Index:
