@@ -31,6 +31,7 @@ class Body:
 
     :param meshes: whose triangles they are, indices into ``MergedScene.meshes``
     :param vertices: [V, 3] world [m], without the meshes' shift; :param triangles: [T, 3]
+    :param corners: [T, 3, 3] of the triangles as their meshes have them, up to ``WELD_M`` off the vertices
     :param mesh: [T] index into ``MergedScene.meshes``
     :param owner: [T] index into ``MergedScene.objects``
     :param source: [T] index among all triangles of the merged scene
@@ -45,6 +46,7 @@ class Body:
     meshes: Sequence[int]
     vertices: Real
     triangles: Index
+    corners: Real
     mesh: Index
     owner: NDArray[np.int32]
     source: Index
@@ -55,11 +57,6 @@ class Body:
     non_manifold: int
     collapsed: int
     found: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
-
-    @cached_property
-    def corners(self) -> Real:
-        """[T, 3, 3] of the triangles [m]."""
-        return self.vertices[self.triangles]
 
     @cached_property
     def areas(self) -> Real:
@@ -113,7 +110,7 @@ def into_faces(body: Body) -> tuple[Real, Real]:
     along = unit(body.vertices[body.pairs[:, 1]] - start)
     found = []
     for side in (0, 1):
-        centre = body.corners[body.faces[:, side]].mean(axis=1) - start
+        centre = body.vertices[body.triangles[body.faces[:, side]]].mean(axis=1) - start
         found.append(unit(centre - np.einsum("ei,ei->e", centre, along)[:, None] * along))
     return found[0], found[1]
 
@@ -131,6 +128,7 @@ def _body(meshes: Sequence[MergedMesh], members: list[int]) -> Body:
     triangles = np.concatenate(
         [np.zeros((0, 3), int), *(m.triangles + s for m, s in zip(chosen, starts, strict=False))]
     )
+    corners = every[triangles]
     triangles = point[first.reshape(-1)][triangles] if len(triangles) else triangles
     mesh = np.repeat(np.array(members, dtype=np.int64), [len(m.triangles) for m in chosen])
     owner = np.concatenate([np.zeros(0, np.int32), *(m.object_of_triangle for m in chosen)]).astype(np.int32)
@@ -138,9 +136,9 @@ def _body(meshes: Sequence[MergedMesh], members: list[int]) -> Body:
     source = np.concatenate([np.zeros(0, np.int64), *(np.arange(begin[i], begin[i + 1]) for i in members)])
     ordered = np.sort(triangles, axis=1)
     solid = (ordered[:, 0] != ordered[:, 1]) & (ordered[:, 1] != ordered[:, 2])
-    corner = vertices[triangles]
-    doubled_area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-    solid &= doubled_area > 0.0
+    for places in (corners, vertices[triangles]):
+        doubled_area = np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
+        solid &= np.linalg.norm(doubled_area, axis=1) > 0.0
     _, single, which = np.unique(ordered[solid], axis=0, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(single))[which.reshape(-1)]  # of each solid triangle, its place among those kept
     kept = np.flatnonzero(solid)[np.sort(single)]
@@ -151,6 +149,7 @@ def _body(meshes: Sequence[MergedMesh], members: list[int]) -> Body:
         meshes=members,
         vertices=vertices,
         triangles=triangles[kept],
+        corners=corners[kept],
         mesh=mesh[kept],
         owner=owner[kept],
         source=source[kept],
