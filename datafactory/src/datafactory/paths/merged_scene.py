@@ -178,6 +178,11 @@ class MergedScene:
         return self if self.at_rest is None or self.turns else self.at_rest
 
     @cached_property
+    def owner(self) -> NDArray[np.int32]:
+        """[T] index into ``objects`` of every triangle."""
+        return np.concatenate([np.zeros(0, np.int32), *(mesh.object_of_triangle for mesh in self.meshes)])
+
+    @cached_property
     def corners(self) -> Real:
         """[T, 3, 3] of all meshes' triangles one after another, world [m], without the meshes' shifts."""
         return np.concatenate([np.zeros((0, 3, 3)), *(mesh.vertices[mesh.triangles] for mesh in self.meshes)])
@@ -268,12 +273,6 @@ def barycentric(corners: Real, point: Real) -> Real:
 def motions_of(merged_scene: MergedScene, mesh: Index) -> tuple[Real, Real]:
     """Velocities [n, 3] [m/s] and shifts [n, 3] [m] of the meshes [n] of a merged scene."""
     return merged_scene.velocities[mesh], merged_scene.shifts[mesh]
-
-
-def owners_of(merged_scene: MergedScene) -> NDArray[np.int32]:
-    """[T] index into ``MergedScene.objects`` of every triangle."""
-    every = [mesh.object_of_triangle for mesh in merged_scene.meshes]
-    return np.concatenate([np.zeros(0, np.int32), *every]).astype(np.int32)
 
 
 def merge_scene(scene: Scene, materials: MaterialMapping) -> MergedScene:

@@ -108,7 +108,7 @@ def single_mirrors(view: View) -> tuple[SpecularPaths, dict[str, int]]:
     rate = np.einsum("ki,ki->k", sight, view.velocity(triangle, foot))
     side = np.sign(np.einsum("ki,ki->k", normal, sight))
     turning = side[:, None] * _rates_of_normals(merged, triangle, mesh) @ view.rotation
-    echoes = MirrorEchoes(sight, range_m, rate, turning, amplitude, view.owner[triangle], kinds)
+    echoes = MirrorEchoes(sight, range_m, rate, turning, amplitude, merged.owner[triangle], kinds)
     return echoes.images(), {"mirrors_hidden": hidden}
 
 

@@ -10,7 +10,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.paths.columns import Columns
 from datafactory.paths.corner_edges import CornerEdges, corners_of
@@ -19,7 +18,7 @@ from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.edges import WedgeEdges, edges_of
 from datafactory.paths.facets import reflected_share
 from datafactory.paths.geometry import clear_between, first_hits, mesh_of_shape, ray_margin_m
-from datafactory.paths.merged_scene import MergedScene, owners_of, velocities_on
+from datafactory.paths.merged_scene import MergedScene, velocities_on
 from datafactory.paths.scattering import has_lobes
 from datafactory.paths.slabs import Slabs, onto_planes
 from datafactory.paths.solver import TraceSettings
@@ -135,11 +134,6 @@ class View:
     def flat(self) -> Index:
         """The triangles that may be flat mirrors: those that sample no curved surface."""
         return curved_surfaces_of(self.merged).flat(len(self.merged.mesh_of_triangle))
-
-    @cached_property
-    def owner(self) -> NDArray[np.int32]:
-        """[T] index into ``MergedScene.objects`` of every triangle."""
-        return owners_of(self.merged)
 
     @cached_property
     def edges(self) -> WedgeEdges:
