@@ -128,16 +128,14 @@ def _body(merged_scene: MergedScene, members: list[int]) -> Body:
     vertices = np.zeros((int(point.max(initial=-1)) + 1, 3))
     vertices[point[::-1]] = distinct[::-1]  # each point lies where its first vertex does
     point = point[first.reshape(-1)]
-    velocities = np.zeros_like(vertices)
-    for mesh, start in zip(chosen, starts, strict=False):
-        if mesh.turned is not None:
-            velocities[point[start : start + len(mesh.vertices)]] = mesh.turned.velocities
     triangles = np.concatenate(
         [np.zeros((0, 3), int), *(m.triangles + s for m, s in zip(chosen, starts, strict=False))]
     )
     triangles = point[triangles] if len(triangles) else triangles
     source = np.flatnonzero(np.isin(merged_scene.mesh_of_triangle, members))
-    corners = merged_scene.corners[source]
+    corners, velocities = merged_scene.corners[source], np.zeros_like(vertices)
+    if merged_scene.turns:
+        velocities[triangles] = merged_scene.corner_velocities[source]
     ordered = np.sort(triangles, axis=1)
     solid = (ordered[:, 0] != ordered[:, 1]) & (ordered[:, 1] != ordered[:, 2])
     for places in (corners, vertices[triangles]):

@@ -58,12 +58,10 @@ class Turned:
     """What a merged mesh has that turns or changes its shape, at one time.
 
     :param parts: its objects
-    :param at_rest: [V, 3] its vertices at time 0, world [m]
     :param velocities: [V, 3] of its vertices [m/s]
     """
 
     parts: tuple[SceneObject, ...]
-    at_rest: Real
     velocities: Real
 
 
@@ -188,6 +186,15 @@ class MergedScene:
         return np.concatenate([np.zeros((0, 3, 3)), *(mesh.vertices[mesh.triangles] for mesh in self.meshes)])
 
     @cached_property
+    def corner_velocities(self) -> Real:
+        """[T, 3, 3] of the corners of what turns, world [m/s]; 0 of all else."""
+        velocities = np.zeros_like(self.corners)
+        for mesh, first in zip(self.meshes, self.first, strict=False):
+            if mesh.turned is not None:
+                velocities[first : first + len(mesh.triangles)] = mesh.turned.velocities[mesh.triangles]
+        return velocities
+
+    @cached_property
     def normals(self) -> Real:
         """[T, 3] unit, of all triangles; 0 of one without an area."""
         normal = np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
@@ -221,15 +228,13 @@ class MergedScene:
         :param point: [n, 3] in its plane, world [m]
         """
         index = np.flatnonzero(self.turned[mesh])
-        found = Carried(index, point[index].copy(), np.zeros((len(index), 3)))
-        for number in np.unique(mesh[index]):
-            item, here = self.meshes[number], np.flatnonzero(mesh[index] == number)
-            corners = item.triangles[triangle[index[here]] - self.first[number]]
-            weights = barycentric(item.vertices[corners], point[index[here]])
-            assert item.turned is not None
-            found.at_rest[here] = np.einsum("nc,nci->ni", weights, item.turned.at_rest[corners])
-            found.velocity[here] = np.einsum("nc,nci->ni", weights, item.turned.velocities[corners])
-        return found
+        own, at_rest = triangle[index], self.at_rest or self
+        weights = barycentric(self.corners[own], point[index])
+        return Carried(
+            index,
+            at_rest=np.einsum("nc,nci->ni", weights, at_rest.corners[own]),
+            velocity=np.einsum("nc,nci->ni", weights, self.corner_velocities[own]),
+        )
 
 
 @dataclass(frozen=True)
@@ -295,7 +300,7 @@ def merge_scene(scene: Scene, materials: MaterialMapping) -> MergedScene:
             object_of_triangle=np.repeat(members, [len(part.triangles) for part in parts]).astype(np.int32),
             track=track,
             body=body,
-            turned=Turned(tuple(parts), every, np.zeros_like(every)) if body is not None and track is None else None,
+            turned=Turned(tuple(parts), np.zeros_like(every)) if body is not None and track is None else None,
         )
         meshes.append(mesh)
     names = tuple(item.name for item in scene.objects) + tuple(target.name for target in scene.targets)
