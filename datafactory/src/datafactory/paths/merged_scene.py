@@ -315,17 +315,14 @@ def _motion_of(item: SceneObject) -> tuple[Vector, Hashable]:
     return item.velocity, item.motion
 
 
-def velocities_on(merged_scene: MergedScene, pose: Pose, of_mesh: Real, triangle: Index, point: Real) -> Real:
+def velocities_on(merged_scene: MergedScene, pose: Pose, triangle: Index, point: Real) -> Real:
     """[n, 3] velocities relative to the radar, in its frame, of points on triangles [m/s].
 
-    :param of_mesh: [M, 3] those of the meshes that do not turn, in the same frame
     :param triangle: [n] all meshes' triangles one after another; :param point: [n, 3] in the radar frame [m]
     """
-    mesh = merged_scene.mesh_of_triangle[triangle]
-    velocity = taken(of_mesh, mesh)
-    if not merged_scene.turns:
-        return velocity
-    rotation = pose.rotation()
-    carried = merged_scene.carried(triangle, point @ rotation.T + np.asarray(pose.position), mesh)
-    velocity[carried.index] = (carried.velocity - np.asarray(pose.velocity)) @ rotation
+    mesh, rotation, own = merged_scene.mesh_of_triangle[triangle], pose.rotation(), np.asarray(pose.velocity)
+    velocity = taken((merged_scene.velocities - own) @ rotation, mesh)
+    if merged_scene.turns:
+        carried = merged_scene.carried(triangle, point @ rotation.T + np.asarray(pose.position), mesh)
+        velocity[carried.index] = (carried.velocity - own) @ rotation
     return velocity

@@ -163,14 +163,9 @@ class View:
         """[M] whether what a mesh scatters has lobes."""
         return np.array([has_lobes(slab.pattern) for slab in self.slabs.materials], dtype=bool)
 
-    @cached_property
-    def _velocity(self) -> Real:
-        """[M, 3] of the meshes that do not turn, relative to the radar [m/s]."""
-        return (self.merged.velocities - np.asarray(self.pose.velocity)) @ self.rotation
-
     def velocity(self, triangle: Index, point: Real) -> Real:
         """[n, 3] velocities relative to the radar of points [n, 3] on triangles [n] [m/s]."""
-        return velocities_on(self.merged, self.pose, self._velocity, triangle, point)
+        return velocities_on(self.merged, self.pose, triangle, point)
 
     def reflected_share(self, triangle: Index, point: Real, arrival: Real, before_m: Real, after_m: Real) -> Complex:
         """[n] factor of the mirrors' finite size at points [n, 3]; see :func:`.facets.reflected_share`."""
