@@ -2,7 +2,8 @@
 
 Meshes of one motion form one body, because a roof and its walls, or the panels of a car, are often meshes of
 different materials. Their vertices are welded within ``WELD_M``. A body that does not turn is the same at all times,
-but for its shift, so that what is found of its shape stays.
+but for its shift, so that what is found of its shape stays: edges, curved surfaces, planes and their boundaries, faces
+and corners are all found body by body.
 """
 
 from __future__ import annotations

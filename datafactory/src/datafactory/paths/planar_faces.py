@@ -1,9 +1,9 @@
 """Plane faces of a body, and which of them meet at a right angle.
 
-Triangles that lie in one plane and touch form one face, however the plane is cut. A face may be of several
-meshes. Two faces meet where a triangle of one and a triangle of the other reach the line in which their planes
-intersect, within ``TOUCH_M``, over a common piece of it. So a wall meets the ground whether they share vertices, stand
-on each other or cross. All tests compare neighbouring triangles alone, so that a scene may lie far from its origin.
+Triangles that lie in one plane and touch form one face, however the plane is cut. A face may be of several meshes. Two
+faces meet where a triangle of one and a triangle of the other reach the line in which their planes intersect, within
+``TOUCH_M``, over a common piece of it. So a wall meets the ground whether they share vertices, stand on each other or
+cross. All tests compare neighbouring triangles alone, so that a scene may lie far from its origin.
 """
 
 from __future__ import annotations
