@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.bodies import Body, bodies_of
-from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of
+from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of, one_after_another
 from datafactory.paths.free_extent import flattened, strips
 from datafactory.paths.merged_scene import MergedScene, found_once, motions_of
 from datafactory.paths.planar_faces import TOUCH_M, PlanarFaces, planar_faces_of
@@ -125,8 +125,8 @@ def _found(merged_scene: MergedScene) -> CornerEdges:
         before += len(own)
     return CornerEdges.joined(
         placed,
-        strips=np.concatenate([own.strips for own in placed]),
-        corner_of_strip=np.concatenate([own.corner_of_strip for own in placed]),
+        strips=one_after_another([own.strips for own in placed]),
+        corner_of_strip=one_after_another([own.corner_of_strip for own in placed]),
         face_of_triangle=face_of_triangle,
         counts=counts_of([own.counts for own in placed]),
     )
