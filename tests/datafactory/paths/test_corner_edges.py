@@ -13,10 +13,11 @@ from sionna_scenes import box, mesh, plate, scene_of
 from turning_scenes import merged_of, turning
 
 from datafactory.paths import corner_edges, corner_points
+from datafactory.paths.bodies import Body
 from datafactory.paths.corner_edges import CornerEdges, corners_of
 from datafactory.paths.corner_points import points_of
 from datafactory.paths.merged_scene import MergedScene, motions_of
-from datafactory.paths.planar_faces import TOUCH_M
+from datafactory.paths.planar_faces import TOUCH_M, PlanarFaces, planar_faces_of
 from datafactory.scenes.poses import Pose
 
 GROUND = plate("ground", (0.0, 0.0, 0.0), (20.0, 0.0, 0.0), (0.0, 20.0, 0.0), "metal")
@@ -139,7 +140,7 @@ def edges_anew(scene: MergedScene) -> CornerEdges:
 
 @pytest.mark.parametrize("time_s", [0.0, 0.7])
 @pytest.mark.parametrize("of", SCENES)
-def test_edges_of_the_parts_are_those_of_the_whole(of: str, time_s: float) -> None:
+def test_edges_of_kept_bodies_are_those_found_anew(of: str, time_s: float) -> None:
     scene = merged_of(*SCENES[of]).at(time_s)
     found, whole = corners_of(scene), edges_anew(scene)
     assert len(found) > 0
@@ -159,7 +160,7 @@ def test_edges_of_the_parts_are_those_of_the_whole(of: str, time_s: float) -> No
 
 
 @pytest.mark.parametrize("of", SCENES)
-def test_points_of_the_parts_are_those_of_the_whole(of: str) -> None:
+def test_points_of_kept_bodies_are_those_found_anew(of: str) -> None:
     scene = merged_of(*SCENES[of]).at(0.7)
     found, whole = points_of(scene), inspect.unwrap(corner_points._found)(replace(scene, at_rest=None))
     velocity, shift = motions_of(scene, whole.face_mesh[:, 0])
@@ -173,17 +174,15 @@ def test_points_of_the_parts_are_those_of_the_whole(of: str) -> None:
 
 def test_what_does_not_turn_is_searched_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """A walker in a city does not have all its corners found anew in every frame."""
-    searched: list[MergedScene] = []
-    found = inspect.unwrap(corner_edges._found)
+    searched: list[Body] = []
 
-    def counted(scene: MergedScene) -> CornerEdges:
-        searched.append(scene)
-        return found(scene)
+    def counted(body: Body) -> PlanarFaces:
+        searched.append(body)
+        return planar_faces_of(body)
 
-    monkeypatch.setattr(corner_edges, "_found", counted)
+    monkeypatch.setattr(corner_edges, "planar_faces_of", counted)
     scene = merged_of(*SCENES["some of it turns"])
     corners_of(scene.at(0.3))
     corners_of(scene.at(0.9))
-    still, _, again, _ = searched
-    assert still is again
-    assert {mesh.turned for mesh in still.meshes} == {None}
+    assert [bool(scene.turned[list(body.meshes)].any()) for body in searched].count(True) == 4  # car and truck, twice
+    assert len(searched) == 4 + 2  # house and shed, once

@@ -25,7 +25,7 @@ from sionna_scenes import (
 
 from datafactory.paths.diffraction import EdgeEchoes, field_over_edges, rays_over_edges
 from datafactory.paths.edges import edges_of
-from datafactory.paths.facets import TAPER, mirrors_of, reflected_share
+from datafactory.paths.facets import TAPER, reflected_share
 from datafactory.paths.geometry import clear_between
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.panes import polarization_axis
@@ -136,7 +136,7 @@ def test_mirror_and_edge_together_are_as_before_inside_the_mirror():
         sine, cosine = fresnel(np.sqrt(2.0 * zones))
         missing = ((0.5 - cosine) + 1j * (0.5 - sine)) / (1.0 + 1j)
         share = 1.0 - missing * np.exp(-zones / TAPER)
-        theirs = reflected_share(mirrors_of(of), np.array([0]), np.array([[distance, 0.0, 0.0]]),
+        theirs = reflected_share(of, np.array([0]), np.array([[distance, 0.0, 0.0]]),
                                  np.array([[1.0, 0.0, 0.0]]), np.array([distance]), np.array([distance]),
                                  WAVELENGTH_M)[0]  # fmt: skip
         assert abs(theirs) == pytest.approx(abs(share), rel=0.01)

@@ -10,9 +10,9 @@ from scipy.integrate import quad
 from scipy.special import fresnel
 from sionna_scenes import MATERIALS
 
-from datafactory.paths import facets
-from datafactory.paths.facets import Mirrors, reflected_share
-from datafactory.paths.merged_scene import MergedMesh
+from datafactory.paths import facets, rims
+from datafactory.paths.facets import reflected_share
+from datafactory.paths.merged_scene import MergedMesh, MergedScene
 from datafactory.paths.rims import Rim
 from datafactory.paths.scattering import SURFACE_CELL_M, surface_phase
 
@@ -46,7 +46,7 @@ def plate(y: tuple[float, float], z: tuple[float, float], strips: int = 1) -> Me
 def share(*meshes: MergedMesh, at=(DISTANCE_M, 0.0, 0.0), arrival=(1.0, 0.0, 0.0)) -> complex:
     one = np.array([DISTANCE_M])
     return reflected_share(
-        Mirrors.of(meshes), np.array([0]), np.array([at]), np.array([arrival]), one, one, WAVELENGTH_M
+        MergedScene(meshes, ()), np.array([0]), np.array([at]), np.array([arrival]), one, one, WAVELENGTH_M
     )[0]
 
 
@@ -92,13 +92,14 @@ def test_pieces_with_shifted_joints_are_one_mirror():
     assert share(*upper, *lower) == pytest.approx(share(plate((-0.2, 0.2), (-0.1, 0.1))), abs=1e-9)
 
 
-def boundary_of(mirrors: Mirrors, triangle: int) -> np.ndarray:
+def boundary_of(scene: MergedScene, triangle: int) -> np.ndarray:
     """The slow way: every triangle is held against this one's plane, every edge against all others."""
-    normal, origin = mirrors.normals[triangle], mirrors.corners[triangle, 0]
+    normal, origin = scene.normals[triangle], scene.corners[triangle, 0]
+    body = [scene.meshes[mesh].rigid_body for mesh in scene.mesh_of_triangle]
     edges = []
-    for corners, other, body in zip(mirrors.corners, mirrors.normals, mirrors.body, strict=True):
-        flat = np.abs((corners - origin) @ normal).max() < facets.COPLANAR_M
-        if body == mirrors.body[triangle] and flat and abs(other @ normal) > facets.COPLANAR_COSINE:
+    for corners, other, own in zip(scene.corners, scene.normals, body, strict=True):
+        flat = np.abs((corners - origin) @ normal).max() < rims.COPLANAR_M
+        if own == body[triangle] and flat and abs(other @ normal) > rims.COPLANAR_COSINE:
             turned = corners[::-1] if other @ normal < 0.0 else corners
             edges += [np.stack([turned[k], turned[(k + 1) % 3]]) for k in range(3)]
     grid = [tuple(map(tuple, np.rint(edge / 1e-4).astype(int))) for edge in edges]
@@ -121,17 +122,19 @@ def test_the_boundary_of_a_plane_is_found_once_and_is_that_of_each_of_its_triang
         floor.append(mesh(square, [[0, 2, 1], [0, 2, 3]] if turned else [[0, 1, 2], [0, 3, 2]]))
     wall = mesh([(0, 0, 0), (6, 0, 0), (6, 0, 3), (0, 0, 3)], [[0, 1, 2], [0, 2, 3]])
     moving = mesh([(2, 2, 0), (3, 2, 0), (3, 3, 0), (2, 3, 0)], [[0, 1, 2], [0, 2, 3]], velocity=(1.0, 0.0, 0.0))
-    mirrors = Mirrors.of([*floor, wall, moving])
+    scene = MergedScene((*floor, wall, moving), ())
     found: list[int] = []
-    slow = facets.free_edges
+    slow = rims.free_edges
 
-    def counted(edges: np.ndarray) -> np.ndarray:
-        found.append(len(edges))
-        return slow(edges)
+    def counted(triangles: np.ndarray) -> np.ndarray:
+        found.append(len(triangles))
+        return slow(triangles)
 
-    monkeypatch.setattr(facets, "free_edges", counted)
-    for triangle in range(len(mirrors.normals)):
-        expected, edges = boundary_of(mirrors, triangle), mirrors.rim(triangle).edges
+    monkeypatch.setattr(rims, "free_edges", counted)
+    for triangle in range(len(scene.normals)):
+        rim, _, normals, _ = facets._rims_of_each(scene, np.array([triangle]))
+        away = normals[0] @ scene.normals[triangle] < 0.0
+        expected, edges = boundary_of(scene, triangle), rim.edges[:, ::-1] if away else rim.edges
 
         def sorted_rows(of: np.ndarray) -> np.ndarray:
             rows = np.rint(of.reshape(-1, 6) / 1e-6)
@@ -218,9 +221,10 @@ def test_far_stretches_of_a_rim_count_as_their_chords(generator: np.random.Gener
     hole = 3.0 * np.exp(-2j * np.pi * np.arange(40) / 40) + 8.0
     edges = np.concatenate([np.stack([loop, np.roll(loop, -1)], axis=1) for loop in (outline, hole)])
     edges = np.stack([edges.real, edges.imag, np.zeros(edges.shape)], axis=2)[generator.permutation(len(edges))]
-    rim = Rim.of(edges)
+    vertices, ends = np.unique(edges.reshape(-1, 3), axis=0, return_inverse=True)
+    rim = Rim.of(vertices, ends.reshape(-1, 2))
     assert len(rim.radius) < len(edges) / 8
-    for seen in (rim, rim.turned(), Rim.joined([rim.turned(), rim])):
+    for seen in (rim, Rim.joined([rim, rim])):
         assert sum(np.diff(seen.begins)) == len(seen.edges)
         for first, last in itertools.pairwise(seen.begins):
             assert np.abs(seen.edges[first + 1 : last, 0] - seen.edges[first : last - 1, 1]).max(initial=0.0) < 1e-9

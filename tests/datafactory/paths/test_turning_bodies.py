@@ -7,10 +7,11 @@ import pytest
 from sionna_scenes import FREQUENCY_HZ, MATERIALS, box, plate
 from turning_scenes import TURN_DEG_PER_S, merged_of, turning
 
+from datafactory.paths.bodies import bodies_of
 from datafactory.paths.edges import edges_of
-from datafactory.paths.facets import mirrors_of
 from datafactory.paths.merged_scene import MergedScene, merge_scene
 from datafactory.paths.rays import RayFan
+from datafactory.paths.rims import Rim, planes_of
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import PathTable
 from datafactory.paths.trace import trace
@@ -105,12 +106,15 @@ def test_edges_of_a_turning_body_move_as_two_moments_say_and_others_are_kept() -
 
 def test_boundaries_of_mirrors_that_rest_are_those_of_time_0() -> None:
     merged = merged_of(turning(CAR), HOUSE)
-    rest, now = mirrors_of(merged), mirrors_of(merged.at(0.7))
-    assert now.turned is not None
-    resting = np.flatnonzero(~now.turned)
-    assert now.rim(int(resting[0])) is rest.rim(int(resting[0]))
-    turned = int(np.flatnonzero(now.turned)[0])
-    assert np.abs(now.rim(turned).edges - rest.rim(turned).edges).max() > 0.1
+
+    def rims(at: MergedScene, turned: bool) -> Rim:
+        """Of the first triangle of what turns, or of what does not."""
+        mesh = np.flatnonzero(at.turned == turned)[0]
+        (body,) = (body for body in bodies_of(at) if mesh in body.meshes)
+        return planes_of(body).rim(at.first[mesh], at.corners[at.first[mesh], 0], at.normals[at.first[mesh]])[0]
+
+    assert rims(merged.at(0.7), False) is rims(merged, False)
+    assert np.abs(rims(merged.at(0.7), True).edges - rims(merged, True).edges).max() > 0.1
 
 
 def test_a_scene_at_rest_is_itself_at_all_times() -> None:
@@ -127,7 +131,8 @@ def test_a_shifted_scene_keeps_its_shape_and_shares_what_was_found_of_it() -> No
     ).as_it_moves()
     merged = merged_of(car, lid, HOUSE)
     there = merged.at(0.5)
-    assert mirrors_of(there) is mirrors_of(merged)
+    assert bodies_of(there) is bodies_of(merged)
+    assert there.shapes is merged
     by_material = {mesh.object_of_triangle[0]: mesh for mesh in there.meshes}
     assert by_material[0].rigid_body == by_material[1].rigid_body != by_material[2].rigid_body
     np.testing.assert_array_equal(by_material[0].shift, [1.0, 0.0, 0.0])

@@ -174,7 +174,7 @@ class Echoes(Columns):
         return Bundle(
             vertices=vertices,
             interactions=np.tile(np.array(self.kinds, dtype=np.int64), (len(index), 1)),
-            objects=view.owner[triangles].astype(np.int64),
+            objects=view.merged.owner[triangles].astype(np.int64),
             triangles=triangles,
             velocities=view.velocity(triangles.reshape(-1), vertices.reshape(-1, 3)).reshape(vertices.shape),
             crossings=np.full(len(index), self.crossings, dtype=np.int64),

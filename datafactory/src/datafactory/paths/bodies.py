@@ -2,13 +2,15 @@
 
 Meshes of one motion form one body, because a roof and its walls, or the panels of a car, are often meshes of
 different materials. Their vertices are welded within ``WELD_M``. A body that does not turn is the same at all times,
-but for its shift, so that what is found of its shape stays.
+but for its shift, so that what is found of its shape stays: edges, curved surfaces, planes and their boundaries, faces
+and corners are all found body by body.
 """
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,7 +19,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from datafactory.paths.merged_scene import MergedMesh, MergedScene, found_once
+from datafactory.paths.merged_scene import MergedScene, found_once
 from shared.physics.vectors import Index, Mask, Real, unit
 
 WELD_M = 1e-4
@@ -28,7 +30,10 @@ WELD_M = 1e-4
 class Body:
     """T triangles of one motion on V common vertices, and the E edges that one or two of them have.
 
+    :param meshes: whose triangles they are, indices into ``MergedScene.meshes``
     :param vertices: [V, 3] world [m], without the meshes' shift; :param triangles: [T, 3]
+    :param corners: [T, 3, 3] of the triangles as their meshes have them, up to ``WELD_M`` off the vertices
+    :param velocities: [V, 3] of the vertices of what turns [m/s]; 0 of all else
     :param mesh: [T] index into ``MergedScene.meshes``
     :param owner: [T] index into ``MergedScene.objects``
     :param source: [T] index among all triangles of the merged scene
@@ -40,8 +45,11 @@ class Body:
     :param found: what was found of it once, see :mod:`datafactory.paths.merged_scene`
     """
 
+    meshes: Sequence[int]
     vertices: Real
     triangles: Index
+    corners: Real
+    velocities: Real
     mesh: Index
     owner: NDArray[np.int32]
     source: Index
@@ -52,6 +60,16 @@ class Body:
     non_manifold: int
     collapsed: int
     found: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
+
+    @cached_property
+    def areas(self) -> Real:
+        """[T, 3] twice the area of every triangle [m^2], along its normal."""
+        return np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
+
+    @cached_property
+    def normals(self) -> Real:
+        """[T, 3] unit."""
+        return self.areas / np.linalg.norm(self.areas, axis=1, keepdims=True)
 
 
 @found_once
@@ -69,8 +87,8 @@ def bodies_of(merged_scene: MergedScene) -> tuple[Body, ...]:
     bodies = []
     for number, each in enumerate(members.values()):
         stays = known is not None and merged_scene.meshes[each[0]].turned is None
-        bodies.append(known[number] if known is not None and stays else _body(merged_scene.meshes, each))
-    return tuple(bodies) or (_body((), []),)
+        bodies.append(known[number] if known is not None and stays else _body(merged_scene, each))
+    return tuple(bodies) or (_body(merged_scene, []),)
 
 
 def components(count: int, links: Index) -> Index:
@@ -100,9 +118,9 @@ def into_faces(body: Body) -> tuple[Real, Real]:
     return found[0], found[1]
 
 
-def _body(meshes: Sequence[MergedMesh], members: list[int]) -> Body:
+def _body(merged_scene: MergedScene, members: list[int]) -> Body:
     """All triangles of one body's meshes on common vertices, without those that collapse and without doubles."""
-    chosen = [meshes[index] for index in members]
+    chosen = [merged_scene.meshes[index] for index in members]
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in chosen])
     every = np.concatenate([np.zeros((0, 3)), *(mesh.vertices for mesh in chosen)])
     distinct, first = np.unique(every, axis=0, return_inverse=True)
@@ -110,31 +128,36 @@ def _body(meshes: Sequence[MergedMesh], members: list[int]) -> Body:
     point = components(len(distinct), near)
     vertices = np.zeros((int(point.max(initial=-1)) + 1, 3))
     vertices[point[::-1]] = distinct[::-1]  # each point lies where its first vertex does
+    point = point[first.reshape(-1)]
     triangles = np.concatenate(
         [np.zeros((0, 3), int), *(m.triangles + s for m, s in zip(chosen, starts, strict=False))]
     )
-    triangles = point[first.reshape(-1)][triangles] if len(triangles) else triangles
-    mesh = np.repeat(np.array(members, dtype=np.int64), [len(m.triangles) for m in chosen])
-    owner = np.concatenate([np.zeros(0, np.int32), *(m.object_of_triangle for m in chosen)]).astype(np.int32)
-    begin = np.cumsum([0, *(len(m.triangles) for m in meshes)])
-    source = np.concatenate([np.zeros(0, np.int64), *(np.arange(begin[i], begin[i + 1]) for i in members)])
+    triangles = point[triangles] if len(triangles) else triangles
+    source = np.flatnonzero(np.isin(merged_scene.mesh_of_triangle, members))
+    corners, velocities = merged_scene.corners[source], np.zeros_like(vertices)
+    if merged_scene.turns:
+        velocities[triangles] = merged_scene.corner_velocities[source]
     ordered = np.sort(triangles, axis=1)
     solid = (ordered[:, 0] != ordered[:, 1]) & (ordered[:, 1] != ordered[:, 2])
-    corner = vertices[triangles]
-    doubled_area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-    solid &= doubled_area > 0.0
+    for places in (corners, vertices[triangles]):
+        doubled_area = np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
+        solid &= np.linalg.norm(doubled_area, axis=1) > 0.0
     _, single, which = np.unique(ordered[solid], axis=0, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(single))[which.reshape(-1)]  # of each solid triangle, its place among those kept
     kept = np.flatnonzero(solid)[np.sort(single)]
+    left = source[kept]
     double = np.ones(len(rank), dtype=bool)
     double[single] = False
     pairs, faces, rim, non_manifold = _shared_edges(triangles[kept])
     return Body(
+        meshes=members,
         vertices=vertices,
         triangles=triangles[kept],
-        mesh=mesh[kept],
-        owner=owner[kept],
-        source=source[kept],
+        corners=corners[kept],
+        velocities=velocities,
+        mesh=merged_scene.mesh_of_triangle[left],
+        owner=merged_scene.owner[left],
+        source=left,
         doubles=np.stack([source[np.flatnonzero(solid)][double], rank[double]], axis=1),
         pairs=pairs,
         faces=faces,

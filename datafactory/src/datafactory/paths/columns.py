@@ -39,7 +39,7 @@ class Columns:
     @classmethod
     def joined(cls, parts: Sequence[Self], **whole: Any) -> Self:
         """The things of several, one after another; what is about all is that of the first, or as said here."""
-        rows = {name: _one_after_another([getattr(part, name) for part in parts]) for name in _names(cls)}
+        rows = {name: one_after_another([getattr(part, name) for part in parts]) for name in _names(cls)}
         return replace(parts[0], **rows, **whole)
 
 
@@ -100,7 +100,10 @@ def _names(kind: Any) -> tuple[str, ...]:
     return tuple(item.name for item in fields(kind) if item.metadata != WHOLE)
 
 
-def _one_after_another(parts: Sequence[Any]) -> Any:
+def one_after_another(parts: Sequence[Any]) -> Any:
+    """The rows of several arrays, or of several :class:`Columns`; of one it is that one, no copy."""
+    if len(parts) == 1:
+        return parts[0]
     return np.concatenate(parts) if isinstance(parts[0], np.ndarray) else type(parts[0]).joined(parts)
 
 

@@ -14,17 +14,16 @@ Faces belong to bodies of one velocity. What stands on another body, such as a c
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of
-from datafactory.paths.facets import mirrors_of
+from datafactory.paths.bodies import Body, bodies_of
+from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of, one_after_another
 from datafactory.paths.free_extent import flattened, strips
-from datafactory.paths.merged_scene import MergedScene, Part, found_once, motions_of, owners_of
+from datafactory.paths.merged_scene import MergedScene, found_once, motions_of
 from datafactory.paths.planar_faces import TOUCH_M, PlanarFaces, planar_faces_of
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Index, Mask, Real, unit
@@ -106,45 +105,37 @@ class CornerEdges(Placed):
 
 
 def corners_of(merged_scene: MergedScene) -> CornerEdges:
-    """All corners of a merged scene at its time, found once; those of what turns for each time.
-
-    The two faces of a corner are of one rigid body, so that no corner is of both.
-    """
-    parts = merged_scene.parts
-    found = _joined([_found(part.scene) for part in parts], parts) if len(parts) > 1 else _found(parts[0].scene)
+    """All corners of a merged scene at its time, found once; those of bodies that turn for each time."""
+    found = _found(merged_scene.shapes)
     velocity, shift = motions_of(merged_scene, found.face_mesh[:, 0])
     return replace(found, velocity=velocity, shift=shift)
 
 
-def _joined(found: Sequence[CornerEdges], parts: Sequence[Part]) -> CornerEdges:
-    """The corners of the parts of a scene as those of the whole."""
-    face_of_triangle = np.full(sum(len(part.triangles) for part in parts), -1, dtype=np.int64)
+@found_once
+def _found(merged_scene: MergedScene) -> CornerEdges:
+    face_of_triangle = np.full(len(merged_scene.mesh_of_triangle), -1)
     faces, before, placed = 0, 0, []
-    for own, part in zip(found, parts, strict=True):
-        known = own.face_of_triangle >= 0
-        face_of_triangle[part.triangles[known]] = own.face_of_triangle[known] + faces
-        placed.append(
-            replace(
-                own,
-                face=own.face + faces,
-                face_mesh=part.meshes[own.face_mesh],
-                corner_of_strip=own.corner_of_strip + before,
-            )
-        )
+    for body in bodies_of(merged_scene):
+        own = _of_body(body)
+        numbers = np.where(own.face_of_triangle >= 0, own.face_of_triangle + faces, -1)
+        face_of_triangle[body.source] = numbers
+        face_of_triangle[body.doubles[:, 0]] = numbers[body.doubles[:, 1]]  # a double is of the face that it lies on
+        placed.append(replace(own, face=own.face + faces, corner_of_strip=own.corner_of_strip + before))
         faces += int(own.face_of_triangle.max(initial=-1)) + 1
         before += len(own)
     return CornerEdges.joined(
         placed,
-        strips=np.concatenate([own.strips for own in placed]),
-        corner_of_strip=np.concatenate([own.corner_of_strip for own in placed]),
+        strips=one_after_another([own.strips for own in placed]),
+        corner_of_strip=one_after_another([own.corner_of_strip for own in placed]),
         face_of_triangle=face_of_triangle,
         counts=counts_of([own.counts for own in placed]),
     )
 
 
 @found_once
-def _found(merged_scene: MergedScene) -> CornerEdges:
-    faces, triangles = planar_faces_of(merged_scene), mirrors_of(merged_scene).corners
+def _of_body(body: Body) -> CornerEdges:
+    """The corners of one body, whose faces and triangles count from 0."""
+    faces, triangles = planar_faces_of(body), body.corners
     origin, along, across = _lines(faces, triangles)
     pieces, pair, sides = _all_strips(
         triangles, *faces.members(), faces.pairs, origin, along, np.ascontiguousarray(across)
@@ -168,8 +159,8 @@ def _found(merged_scene: MergedScene) -> CornerEdges:
         into=into,
         normal=normal,
         face=faces.pairs[pair],
-        face_mesh=merged_scene.mesh_of_triangle[contact].astype(np.int64),
-        object_index=owners_of(merged_scene)[contact[:, 0]],
+        face_mesh=body.mesh[contact],
+        object_index=body.owner[contact[:, 0]],
         velocity=np.zeros((len(lead), 3)),
         shift=np.zeros((len(lead), 3)),
         strips=pieces,

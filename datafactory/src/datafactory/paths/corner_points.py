@@ -8,18 +8,17 @@ directions between its two edges, is sampled (:mod:`.free_extent`).
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.bodies import Body, bodies_of
 from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of
 from datafactory.paths.corner_edges import LEAST_REACH_M
-from datafactory.paths.facets import mirrors_of
 from datafactory.paths.free_extent import flattened, reach_around
-from datafactory.paths.merged_scene import MergedScene, Part, found_once, motions_of, owners_of
+from datafactory.paths.merged_scene import MergedScene, found_once, motions_of
 from datafactory.paths.planar_faces import PlanarFaces, planar_faces_of
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Index, Real, unit
@@ -57,22 +56,22 @@ class CornerPoints(Placed):
 
 
 def points_of(merged_scene: MergedScene) -> CornerPoints:
-    """All trihedral corners of a merged scene at its time, found once; those of what turns for each time."""
-    parts = merged_scene.parts
-    found = _joined([_found(part.scene) for part in parts], parts) if len(parts) > 1 else _found(parts[0].scene)
+    """All trihedral corners of a merged scene at its time, found once; those of bodies that turn for each time."""
+    found = _found(merged_scene.shapes)
     velocity, shift = motions_of(merged_scene, found.face_mesh[:, 0])
     return replace(found, velocity=velocity, shift=shift)
 
 
-def _joined(found: Sequence[CornerPoints], parts: Sequence[Part]) -> CornerPoints:
-    """The corners of the parts of a scene as those of the whole: their three faces are of one rigid body."""
-    placed = [replace(own, face_mesh=part.meshes[own.face_mesh]) for own, part in zip(found, parts, strict=True)]
-    return CornerPoints.joined(placed, counts=counts_of([own.counts for own in placed]))
+@found_once
+def _found(merged_scene: MergedScene) -> CornerPoints:
+    parts = [_of_body(body) for body in bodies_of(merged_scene)]
+    return CornerPoints.joined(parts, counts=counts_of([part.counts for part in parts]))
 
 
 @found_once
-def _found(merged_scene: MergedScene) -> CornerPoints:
-    faces, corners = planar_faces_of(merged_scene), mirrors_of(merged_scene).corners
+def _of_body(body: Body) -> CornerPoints:
+    """The corners of one body, of which all three faces are."""
+    faces, corners = planar_faces_of(body), body.corners
     triples = np.array(_triples(faces.pairs), dtype=np.int64).reshape(-1, 3)
     apex, edges = _apexes(faces, triples)
     quarters = _quarters(corners, *faces.members(), triples, apex, edges, faces.normal[triples])
@@ -90,8 +89,8 @@ def _found(merged_scene: MergedScene) -> CornerPoints:
         axes=axes,
         reach=reach,
         off_square=np.arcsin(np.minimum(between, 1.0)),
-        face_mesh=merged_scene.mesh_of_triangle[triangle].astype(np.int64).reshape(-1, 3),
-        object_index=owners_of(merged_scene)[triangle[:, 0]],
+        face_mesh=body.mesh[triangle],
+        object_index=body.owner[triangle[:, 0]],
         velocity=np.zeros((len(number), 3)),
         shift=np.zeros((len(number), 3)),
         counts={"corner_points": len(number)},

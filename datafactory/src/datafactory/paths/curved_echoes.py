@@ -239,7 +239,7 @@ def _paths(
     turning = np.einsum("nj,nj,nji->ni", bend, np.einsum("nji,ni->nj", feet.axes, velocity), feet.axes)
     k = _along_array(sight, bend, feet.axes)
     laws = _law_of_points(range_m, k)
-    echoes = MirrorEchoes(sight, range_m, rate, turning, amplitude, view.owner[feet.triangle], kinds)
+    echoes = MirrorEchoes(sight, range_m, rate, turning, amplitude, view.merged.owner[feet.triangle], kinds)
     return _scattered(echoes.take(laws), k[laws]), echoes.take(~laws).images()
 
 

@@ -17,10 +17,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from datafactory.paths.bodies import Body, bodies_of, components, into_faces
-from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of
+from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of, pairs_in_runs
 from datafactory.paths.merged_scene import MergedScene, found_once, motions_of
 from datafactory.paths.smooth import smooth_facets
 from shared.physics.vectors import Index, Mask, Real, unit
@@ -83,25 +82,9 @@ def edges_of(merged_scene: MergedScene) -> WedgeEdges:
     """All wedges of a merged scene at its time, made once for each."""
     parts = [_edges_of_body(body) for body in bodies_of(merged_scene)]
     found = WedgeEdges.joined(parts, counts=counts_of([part.counts for part in parts]))
-    velocity, shift = motions_of(merged_scene, found.face_mesh[:, 0])
-    return _with_turn(replace(found, velocity=velocity, shift=shift), merged_scene)
-
-
-def _with_turn(edges: WedgeEdges, merged_scene: MergedScene) -> WedgeEdges:
-    """The edges with the velocities of those that turn: at the start, and their change along the edge."""
-    if not merged_scene.turns or not len(edges):
-        return edges
-    velocity, turn = edges.velocity.copy(), edges.turn.copy()
-    for index in np.flatnonzero(merged_scene.turned):
-        mesh, here = merged_scene.meshes[index], np.flatnonzero(edges.face_mesh[:, 0] == index)
-        if not len(here):
-            continue
-        assert mesh.turned is not None
-        tree = cKDTree(mesh.vertices)  # an edge's ends are vertices of its 0-face's mesh, up to ``WELD_M``
-        at_start, at_end = (mesh.turned.velocities[tree.query(points[here])[1]] for points in (edges.start, edges.end))
-        length = np.linalg.norm(edges.end[here] - edges.start[here], axis=1, keepdims=True)
-        velocity[here], turn[here] = at_start, (at_end - at_start) / length
-    return replace(edges, velocity=velocity, turn=turn)
+    mesh = found.face_mesh[:, 0]
+    velocity, shift = motions_of(merged_scene, mesh)
+    return replace(found, velocity=np.where(merged_scene.turned[mesh, None], found.velocity, velocity), shift=shift)
 
 
 @found_once
@@ -127,24 +110,26 @@ def _edges_of_body(body: Body) -> WedgeEdges:
 def _wedges(body: Body) -> WedgeEdges:
     """The wedge at every edge; the interior is the side on which its faces make less than 180 deg."""
     pairs, faces = body.pairs, body.faces
-    start, end = body.vertices[pairs[:, 0]], body.vertices[pairs[:, 1]]
-    along = unit(end - start)
+    along = unit(body.vertices[pairs[:, 1]] - body.vertices[pairs[:, 0]])
     into = into_faces(body)
     cosine = np.clip(np.einsum("ei,ei->e", *into), -1.0, 1.0)
     exterior_n = np.where(body.rim, 2.0, 2.0 - np.arccos(cosine) / np.pi)
     # The edge's direction is chosen so that angles from the 0-face run through the exterior first.
     turn = np.where(np.einsum("ei,ei->e", np.cross(into[0], into[1]), along) > 0.0, -1.0, 1.0)
     direction = turn[:, None] * along
+    ends = np.where(turn[:, None] > 0.0, pairs, pairs[:, ::-1])
+    start, end = body.vertices[ends.T]
+    velocity, at_end = body.velocities[ends.T]
     return WedgeEdges(
-        start=np.where(turn[:, None] > 0.0, start, end),
-        end=np.where(turn[:, None] > 0.0, end, start),
+        start=start,
+        end=end,
         direction=direction,
         normal_0=np.cross(direction, into[0]),
         normal_n=np.cross(into[1], direction),
         exterior_n=exterior_n,
         face_mesh=body.mesh[faces].reshape(-1, 2),
-        velocity=np.zeros(start.shape),
-        turn=np.zeros(start.shape),
+        velocity=velocity,
+        turn=(at_end - velocity) / np.linalg.norm(end - start, axis=1, keepdims=True),
         shift=np.zeros(start.shape),
         object_index=body.owner[faces[:, 0]],
     )
@@ -170,25 +155,18 @@ def _merged_collinear(edges: WedgeEdges, pairs: Index) -> WedgeEdges:
     start = np.where(straight[:, None], origin + low[chain][:, None] * direction, edges.start)
     end = np.where(straight[:, None], origin + high[chain][:, None] * direction, edges.end)
     kept = ~straight | (lead[chain] == np.arange(len(edges)))
-    return replace(edges, start=start, end=end).take(kept)
+    velocity = edges.velocity_at(np.arange(len(edges)), start)
+    return replace(edges, start=start, end=end, velocity=velocity).take(kept)
 
 
 def _neighbours(edges: WedgeEdges, pairs: Index) -> Index:
     """[N, 2] pairs of edges that continue each other through a common vertex."""
     vertex, edge = pairs.reshape(-1), np.repeat(np.arange(len(pairs)), 2)
     order = np.argsort(vertex, kind="stable")
-    vertex, edge = vertex[order], edge[order]
-    found = [np.zeros((0, 2), dtype=np.int64)]
-    step = 1
-    while step < len(vertex):
-        here = np.flatnonzero(vertex[step:] == vertex[:-step])  # the step-th next edge around the same vertex
-        if not len(here):
-            break
-        a, b = edge[here], edge[here + step]
-        same = _continue_each_other(edges, a, b)
-        found.append(np.stack([a[same], b[same]], axis=1))
-        step += 1
-    return np.concatenate(found)
+    one, other = pairs_in_runs(vertex[order])
+    once = one < other
+    a, b = edge[order[one[once]]], edge[order[other[once]]]
+    return np.stack([a, b], axis=1)[_continue_each_other(edges, a, b)]
 
 
 def _continue_each_other(edges: WedgeEdges, a: Index, b: Index) -> Mask:

@@ -23,25 +23,19 @@ mirror of one material (where they overlap, as their mean). Pieces of a curved s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from hashlib import sha256
-
 import numpy as np
 from scipy.special import wofz
 
-from datafactory.paths.merged_scene import MergedMesh, MergedScene, found_once
-from datafactory.paths.rims import Rim, free_edges
+from datafactory.paths.bodies import bodies_of
+from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.rims import COPLANAR_M, Rim, planes_of
 from shared.physics.compiled import compiled
-from shared.physics.vectors import Complex, Index, Mask, Real
+from shared.physics.vectors import Complex, Index, Real
 
 TAPER = 16.0
 """Fresnel zones (rho^2) after which an edge's ripple has fallen to 1/e: there it is 4 % of the reflection."""
 CUT = 6.0 * TAPER
 """rho^2 beyond which an edge is left out: its ripple is below 1e-4."""
-COPLANAR_COSINE = np.cos(np.radians(0.2))
-COPLANAR_M = 1e-3
 CLOSEST = 1e-9
 """Fresnel radii: an edge nearer to the specular point passes through it, and its angle around the point is 0."""
 RATE = complex(1.0 / TAPER, -np.pi)
@@ -57,100 +51,8 @@ TABLE = wofz(1j * np.sqrt(RATE) * TABLE_STEP * np.arange(int(np.sqrt(CUT) / TABL
 """erfc(z) exp(z^2) at z = sqrt(a) height: smooth, so that linear interpolation keeps 1e-4."""
 
 
-@dataclass(frozen=True)
-class Mirrors:
-    """The triangles of a merged scene as mirrors; the boundary of a plane is found once, on first use.
-
-    :param corners: [T, 3, 3] all meshes' triangles one after another, world [m], without their meshes' shifts
-    :param normals: [T, 3] unit normals
-    :param body: [T] number of the rigid body that the triangle belongs to: planes join only within one
-    :param known: the mirrors of time 0, whose boundaries hold for the triangles that do not turn; None at that time
-    :param turned: [T] whether the triangle turns
-    """
-
-    corners: Real
-    normals: Real
-    body: Index
-    known: Mirrors | None = None
-    turned: Mask | None = None
-    _rims: dict[int, Rim] = field(default_factory=dict, compare=False, repr=False)
-    _boundaries: dict[bytes, tuple[Rim, Rim]] = field(default_factory=dict, compare=False, repr=False)
-
-    @staticmethod
-    def of(meshes: Sequence[MergedMesh]) -> Mirrors:
-        corners = [mesh.vertices[mesh.triangles] for mesh in meshes]
-        numbers = {body: n for n, body in enumerate(dict.fromkeys(mesh.rigid_body for mesh in meshes))}
-        body = [np.full(len(mesh.triangles), numbers[mesh.rigid_body], dtype=np.int64) for mesh in meshes]
-        every = np.concatenate([np.zeros((0, 3, 3)), *corners])
-        normal = np.cross(every[:, 1] - every[:, 0], every[:, 2] - every[:, 0])
-        length = np.linalg.norm(normal, axis=1, keepdims=True)
-        return Mirrors(every, normal / np.where(length > 0.0, length, 1.0), np.concatenate([np.zeros(0, int), *body]))
-
-    @cached_property
-    def first(self) -> Real:
-        """[T, 3] the first corner of every triangle [m]."""
-        return np.ascontiguousarray(self.corners[:, 0])
-
-    def rim(self, triangle: int) -> Rim:
-        """The boundary of all triangles in the plane of this one."""
-        if self.known is not None and self.turned is not None and not self.turned[triangle]:
-            return self.known.rim(triangle)
-        if triangle not in self._rims:
-            members = self._coplanar(triangle)
-            plane = sha256(members.tobytes()).digest()  # the members of a ground are a key of some hundred kilobytes
-            if plane not in self._boundaries:
-                found = Rim.of(self._boundary(members))
-                self._boundaries[plane] = found, found.turned()
-            away = self.normals[members[:1]] @ self.normals[triangle] < 0.0
-            self._rims[triangle] = self._boundaries[plane][int(away.any())]
-        return self._rims[triangle]
-
-    def _coplanar(self, triangle: int) -> Index:
-        """The triangles of one body, rising, that lie in the plane of this one; none for one without an area."""
-        normal, origin = self.normals[triangle], self.corners[triangle, 0]
-        # Few triangles have their first corner near the plane; only they are looked at further.
-        near = _near_plane(self.first, normal, origin @ normal)
-        kept = (np.abs(self.normals[near] @ normal) > COPLANAR_COSINE) & (self.body[near] == self.body[triangle])
-        kept &= np.abs((self.corners[near] - origin) @ normal).max(axis=1) < COPLANAR_M
-        return near[kept]
-
-    def _boundary(self, members: Index) -> Real:
-        """[E, 2, 3] directed boundary edges [m] of triangles in one plane, inside on the left of the first one's."""
-        if not len(members):
-            return np.zeros((0, 2, 3))
-        normal, origin = self.normals[members[0]], self.corners[members[0], 0]
-        away = self.normals[members] @ normal < 0.0
-        corners = np.where(away[:, None, None], self.corners[members, ::-1], self.corners[members])
-        edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2, 3)
-        return free_edges(edges - origin) + origin
-
-
-@compiled()
-def _near_plane(first, normal, height):
-    """Indices, rising, of the points [T, 3] that lie within 2 ``COPLANAR_M`` of the plane normal . x = height."""
-    found, count = np.empty(len(first), np.int64), 0
-    for t in range(len(first)):
-        above = first[t, 0] * normal[0] + first[t, 1] * normal[1] + first[t, 2] * normal[2] - height
-        if abs(above) < 2.0 * COPLANAR_M:
-            found[count] = t
-            count += 1
-    return found[:count].copy()
-
-
-@found_once
-def mirrors_of(merged_scene: MergedScene) -> Mirrors:
-    """The mirrors of a merged scene at its time, made once; where nothing turns, they are those of time 0."""
-    if merged_scene.at_rest is None:
-        return Mirrors.of(merged_scene.meshes)
-    known = mirrors_of(merged_scene.at_rest)
-    if not merged_scene.turns:
-        return known
-    turned = merged_scene.turned[merged_scene.mesh_of_triangle]
-    return replace(Mirrors.of(merged_scene.meshes), known=known, turned=turned)
-
-
 def reflected_share(
-    mirrors: Mirrors,
+    merged_scene: MergedScene,
     triangle: Index,
     point: Real,
     arrival: Real,
@@ -160,42 +62,46 @@ def reflected_share(
 ) -> Complex:
     """[n] factor F on the amplitude of a reflection at a specular point.
 
-    :param triangle: [n] that was hit, index into ``mirrors``
-    :param point: [n, 3] specular points, world [m] where ``mirrors`` are: without their meshes' shifts
+    :param triangle: [n] that was hit, all meshes' triangles one after another
+    :param point: [n, 3] specular points, world [m], without their meshes' shifts
     :param arrival: [n, 3] direction in which the wave arrives (any length)
     :param before_m, after_m: [n] d1 and d2, unfolded distances to source and next spreading point [m]
     """
     if not len(triangle):
         return np.ones(0, dtype=np.complex128)
     scale = np.sqrt((1.0 / before_m + 1.0 / after_m) / wavelength_m)
-    rims, ends, place = _rims_of_each(mirrors, triangle)
-    return _mirror_shares(rims, ends[place[triangle]], point, arrival, mirrors.normals, triangle, scale)
+    rims, ends, normals, place = _rims_of_each(merged_scene, triangle)
+    return _mirror_shares(rims, ends, point, arrival, normals, place[triangle], scale)
 
 
-def _rims_of_each(mirrors: Mirrors, triangle: Index) -> tuple[Rim, Index, Index]:
+def _rims_of_each(merged_scene: MergedScene, triangle: Index) -> tuple[Rim, Index, Real, Index]:
     """Rims of the planes of M triangles that are met as one, which of its stretches are each triangle's, from [M, 0] to
-    before [M, 1], and which of the M a triangle [T] is."""
-    met = np.flatnonzero(np.bincount(triangle, minlength=len(mirrors.normals)))
-    place = np.zeros(len(mirrors.normals), dtype=np.int64)
+    before [M, 1], the normals [M, 3] on the side from which the rims are seen, and which of the M a triangle [T] is."""
+    place = np.zeros(len(merged_scene.normals), dtype=np.int64)
+    met = np.flatnonzero(np.bincount(triangle, minlength=len(place)))
     place[met] = np.arange(len(met))
-    own = [mirrors.rim(which) for which in met.tolist()]
-    rims = list({id(rim): rim for rim in own}.values())  # triangles of one plane share its rim
+    normals, origin, mesh = merged_scene.normals[met], merged_scene.corners[met, 0], merged_scene.mesh_of_triangle[met]
+    planes = {index: planes_of(body) for body in bodies_of(merged_scene) for index in body.meshes}
+    own = [planes[mesh[m]].rim(which, origin[m], normals[m]) for m, which in enumerate(met.tolist())]
+    rims = list({id(rim): rim for rim, _ in own}.values())  # triangles of one plane share its rim
     last = dict(zip(map(id, rims), np.cumsum([len(rim.radius) for rim in rims]).tolist(), strict=True))
-    ends = [(last[id(rim)] - len(rim.radius), last[id(rim)]) for rim in own]
-    return Rim.joined(rims), np.array(ends), place
+    ends = [(last[id(rim)] - len(rim.radius), last[id(rim)]) for rim, _ in own]
+    turned = np.einsum("mi,mi->m", normals, np.array([side for _, side in own])) < 0.0
+    return Rim.joined(rims), np.array(ends), np.where(turned[:, None], -normals, normals), place
 
 
 @compiled()
-def _mirror_shares(rims, ends, point, arrival, normals, triangle, scale):
+def _mirror_shares(rims, ends, point, arrival, normals, mirror, scale):
     """[n] F of specular points [n, 3] on mirrors, each with some of the stretches of ``rims``.
 
-    :param ends: [n, 2] first of its stretches, and the one after the last; :param triangle: [n] into ``normals``
-    :param scale: [n] of xi and eta to lengths across the wave
+    :param ends: [M, 2] of each mirror the first of its stretches, and the one after the last
+    :param normals: [M, 3] unit, on the side from which the stretches are seen
+    :param mirror: [n] of the M; :param scale: [n] of xi and eta to lengths across the wave
     """
     share = np.ones(len(point), dtype=np.complex128)
     along, across, seen = np.empty(3), np.empty(3), np.empty_like(rims.edges)
     for k in range(len(point)):
-        a, n = arrival[k], normals[triangle[k]]
+        a, n = arrival[k], normals[mirror[k]]
         length = np.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2)
         slope = a[0] * n[0] + a[1] * n[1] + a[2] * n[2]
         for i in range(3):
@@ -214,7 +120,7 @@ def _mirror_shares(rims, ends, point, arrival, normals, triangle, scale):
             along[i] *= abs(slope) / length * scale[k]
         # In (xi, eta) a length shrinks by the slope at most; points and edges lie off the plane by COPLANAR_M at most.
         reach = np.sqrt(CUT) / max(abs(slope) / length * scale[k], CLOSEST) + 2.0 * COPLANAR_M
-        count = _as_seen(rims, ends[k], point[k], reach, seen)
+        count = _as_seen(rims, ends[mirror[k]], point[k], reach, seen)
         total, turned, _ = _along_edges(seen[:count], point[k], along, across)
         share[k] = total / max(turned, 2.0 * np.pi)
     return share

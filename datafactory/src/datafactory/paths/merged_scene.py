@@ -58,12 +58,10 @@ class Turned:
     """What a merged mesh has that turns or changes its shape, at one time.
 
     :param parts: its objects
-    :param at_rest: [V, 3] its vertices at time 0, world [m]
     :param velocities: [V, 3] of its vertices [m/s]
     """
 
     parts: tuple[SceneObject, ...]
-    at_rest: Real
     velocities: Real
 
 
@@ -129,19 +127,6 @@ class MergedMesh:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
-    """Some meshes of a merged scene as a scene of their own, without targets.
-
-    :param meshes: [M'] their indices in the whole, rising
-    :param triangles: [T'] indices of their triangles among all of the whole
-    """
-
-    scene: MergedScene
-    meshes: Index
-    triangles: Index
-
-
-@dataclass(frozen=True, eq=False)
 class MergedScene:
     """All merged meshes of a scene, at one time.
 
@@ -191,17 +176,30 @@ class MergedScene:
         return self if self.at_rest is None or self.turns else self.at_rest
 
     @cached_property
-    def parts(self) -> tuple[Part, ...]:
-        """What does not turn, as it is at time 0, the same object at all times; then what does, if anything, as it is
-        now. No rigid body is in both."""
-        still = self._part(~self.turned) if self.at_rest is None else self.at_rest.parts[0]
-        return (still, self._part(self.turned)) if self.turns else (still,)
+    def owner(self) -> NDArray[np.int32]:
+        """[T] index into ``objects`` of every triangle."""
+        return np.concatenate([np.zeros(0, np.int32), *(mesh.object_of_triangle for mesh in self.meshes)])
 
-    def _part(self, chosen: Mask) -> Part:
-        meshes = np.flatnonzero(chosen)
-        # What was found of the whole scene before is known of it as its only part too.
-        scene = self if chosen.all() else MergedScene(tuple(self.meshes[mesh] for mesh in meshes), self.objects)
-        return Part(scene, meshes, np.flatnonzero(chosen[self.mesh_of_triangle]))
+    @cached_property
+    def corners(self) -> Real:
+        """[T, 3, 3] of all meshes' triangles one after another, world [m], without the meshes' shifts."""
+        return np.concatenate([np.zeros((0, 3, 3)), *(mesh.vertices[mesh.triangles] for mesh in self.meshes)])
+
+    @cached_property
+    def corner_velocities(self) -> Real:
+        """[T, 3, 3] of the corners of what turns, world [m/s]; 0 of all else."""
+        velocities = np.zeros_like(self.corners)
+        for mesh, first in zip(self.meshes, self.first, strict=False):
+            if mesh.turned is not None:
+                velocities[first : first + len(mesh.triangles)] = mesh.turned.velocities[mesh.triangles]
+        return velocities
+
+    @cached_property
+    def normals(self) -> Real:
+        """[T, 3] unit, of all triangles; 0 of one without an area."""
+        normal = np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        return normal / np.where(length > 0.0, length, 1.0)
 
     @cached_property
     def mesh_of_triangle(self) -> Index:
@@ -230,15 +228,13 @@ class MergedScene:
         :param point: [n, 3] in its plane, world [m]
         """
         index = np.flatnonzero(self.turned[mesh])
-        found = Carried(index, point[index].copy(), np.zeros((len(index), 3)))
-        for number in np.unique(mesh[index]):
-            item, here = self.meshes[number], np.flatnonzero(mesh[index] == number)
-            corners = item.triangles[triangle[index[here]] - self.first[number]]
-            weights = barycentric(item.vertices[corners], point[index[here]])
-            assert item.turned is not None
-            found.at_rest[here] = np.einsum("nc,nci->ni", weights, item.turned.at_rest[corners])
-            found.velocity[here] = np.einsum("nc,nci->ni", weights, item.turned.velocities[corners])
-        return found
+        own, at_rest = triangle[index], self.at_rest or self
+        weights = barycentric(self.corners[own], point[index])
+        return Carried(
+            index,
+            at_rest=np.einsum("nc,nci->ni", weights, at_rest.corners[own]),
+            velocity=np.einsum("nc,nci->ni", weights, self.corner_velocities[own]),
+        )
 
 
 @dataclass(frozen=True)
@@ -284,12 +280,6 @@ def motions_of(merged_scene: MergedScene, mesh: Index) -> tuple[Real, Real]:
     return merged_scene.velocities[mesh], merged_scene.shifts[mesh]
 
 
-def owners_of(merged_scene: MergedScene) -> NDArray[np.int32]:
-    """[T] index into ``MergedScene.objects`` of every triangle."""
-    every = [mesh.object_of_triangle for mesh in merged_scene.meshes]
-    return np.concatenate([np.zeros(0, np.int32), *every]).astype(np.int32)
-
-
 def merge_scene(scene: Scene, materials: MaterialMapping) -> MergedScene:
     """Merge a scene's objects; the order depends on names, velocities and the objects' own order alone."""
     groups: dict[tuple[str, Vector, Hashable], list[int]] = defaultdict(list)
@@ -310,7 +300,7 @@ def merge_scene(scene: Scene, materials: MaterialMapping) -> MergedScene:
             object_of_triangle=np.repeat(members, [len(part.triangles) for part in parts]).astype(np.int32),
             track=track,
             body=body,
-            turned=Turned(tuple(parts), every, np.zeros_like(every)) if body is not None and track is None else None,
+            turned=Turned(tuple(parts), np.zeros_like(every)) if body is not None and track is None else None,
         )
         meshes.append(mesh)
     names = tuple(item.name for item in scene.objects) + tuple(target.name for target in scene.targets)
@@ -325,17 +315,14 @@ def _motion_of(item: SceneObject) -> tuple[Vector, Hashable]:
     return item.velocity, item.motion
 
 
-def velocities_on(merged_scene: MergedScene, pose: Pose, of_mesh: Real, triangle: Index, point: Real) -> Real:
+def velocities_on(merged_scene: MergedScene, pose: Pose, triangle: Index, point: Real) -> Real:
     """[n, 3] velocities relative to the radar, in its frame, of points on triangles [m/s].
 
-    :param of_mesh: [M, 3] those of the meshes that do not turn, in the same frame
     :param triangle: [n] all meshes' triangles one after another; :param point: [n, 3] in the radar frame [m]
     """
-    mesh = merged_scene.mesh_of_triangle[triangle]
-    velocity = taken(of_mesh, mesh)
-    if not merged_scene.turns:
-        return velocity
-    rotation = pose.rotation()
-    carried = merged_scene.carried(triangle, point @ rotation.T + np.asarray(pose.position), mesh)
-    velocity[carried.index] = (carried.velocity - np.asarray(pose.velocity)) @ rotation
+    mesh, rotation, own = merged_scene.mesh_of_triangle[triangle], pose.rotation(), np.asarray(pose.velocity)
+    velocity = taken((merged_scene.velocities - own) @ rotation, mesh)
+    if merged_scene.turns:
+        carried = merged_scene.carried(triangle, point @ rotation.T + np.asarray(pose.position), mesh)
+        velocity[carried.index] = (carried.velocity - own) @ rotation
     return velocity

@@ -108,7 +108,7 @@ def single_mirrors(view: View) -> tuple[SpecularPaths, dict[str, int]]:
     rate = np.einsum("ki,ki->k", sight, view.velocity(triangle, foot))
     side = np.sign(np.einsum("ki,ki->k", normal, sight))
     turning = side[:, None] * _rates_of_normals(merged, triangle, mesh) @ view.rotation
-    echoes = MirrorEchoes(sight, range_m, rate, turning, amplitude, view.owner[triangle], kinds)
+    echoes = MirrorEchoes(sight, range_m, rate, turning, amplitude, merged.owner[triangle], kinds)
     return echoes.images(), {"mirrors_hidden": hidden}
 
 
@@ -146,20 +146,16 @@ def _rates_of_normals(merged_scene: MergedScene, triangle: Index, mesh: Index) -
 
     With N = a x b of two sides, N' = a' x b + a x b', and n' = (N' - n (n . N')) / |N|.
     """
-    rates = np.zeros((len(triangle), 3))
-    for number in np.unique(mesh):
-        item, here = merged_scene.meshes[number], np.flatnonzero(mesh == number)
-        if item.turned is None:
-            continue
-        corners = item.triangles[triangle[here] - merged_scene.first[number]]
-        sides, changes = (
-            values[corners][:, 1:] - values[corners][:, :1] for values in (item.vertices, item.turned.velocities)
-        )
-        area = np.cross(sides[:, 0], sides[:, 1])
-        change = np.cross(changes[:, 0], sides[:, 1]) + np.cross(sides[:, 0], changes[:, 1])
-        length = np.linalg.norm(area, axis=1, keepdims=True)
-        normal = area / length
-        rates[here] = (change - np.einsum("ki,ki->k", normal, change)[:, None] * normal) / length
+    rates, turned = np.zeros((len(triangle), 3)), merged_scene.turned[mesh]
+    if not turned.any():
+        return rates
+    of_all = (merged_scene.corners, merged_scene.corner_velocities)
+    sides, changes = (values[triangle[turned], 1:] - values[triangle[turned], :1] for values in of_all)
+    area = np.cross(sides[:, 0], sides[:, 1])
+    change = np.cross(changes[:, 0], sides[:, 1]) + np.cross(sides[:, 0], changes[:, 1])
+    length = np.linalg.norm(area, axis=1, keepdims=True)
+    normal = area / length
+    rates[turned] = (change - np.einsum("ki,ki->k", normal, change)[:, None] * normal) / length
     return rates
 
 

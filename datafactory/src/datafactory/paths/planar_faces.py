@@ -1,9 +1,9 @@
-"""Plane faces of a scene, and which of them meet at a right angle.
+"""Plane faces of a body, and which of them meet at a right angle.
 
-Triangles of one body that lie in one plane and touch form one face, however the plane is cut. A face may be of several
-meshes. Two faces meet where a triangle of one and a triangle of the other reach the line in which their planes
-intersect, within ``TOUCH_M``, over a common piece of it. So a wall meets the ground whether they share vertices, stand
-on each other or cross. All tests compare neighbouring triangles alone, so that a scene may lie far from its origin.
+Triangles that lie in one plane and touch form one face, however the plane is cut. A face may be of several meshes. Two
+faces meet where a triangle of one and a triangle of the other reach the line in which their planes intersect, within
+``TOUCH_M``, over a common piece of it. So a wall meets the ground whether they share vertices, stand on each other or
+cross. All tests compare neighbouring triangles alone, so that a scene may lie far from its origin.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datafactory.paths.bodies import components
-from datafactory.paths.facets import COPLANAR_COSINE, COPLANAR_M, mirrors_of
-from datafactory.paths.merged_scene import MergedScene, found_once
+from datafactory.paths.bodies import Body, components
+from datafactory.paths.merged_scene import found_once
+from datafactory.paths.rims import COPLANAR_COSINE, COPLANAR_M, height_over
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Index, Real
 
@@ -34,7 +34,7 @@ SAME_FACE_COSINE = np.cos(np.radians(1.0))
 class PlanarFaces:
     """F faces, and P pairs of faces that meet at a right angle.
 
-    :param of_triangle: [T] face of each triangle of the merged scene; -1 where it has none
+    :param of_triangle: [T] face of each triangle of the body; -1 where it has none
     :param normal: [F, 3] unit; :param centre: [F, 3] a point of the plane, world [m] at time 0
     :param pairs: [P, 2] faces, each pair once, the smaller number first
     :param contact: [P, 2] of either face the triangle with the longest contact
@@ -53,30 +53,24 @@ class PlanarFaces:
 
 
 @found_once
-def planar_faces_of(merged_scene: MergedScene) -> PlanarFaces:
-    """The faces of a merged scene, found once for each."""
-    mirrors = mirrors_of(merged_scene)
-    solid = np.flatnonzero(np.einsum("ki,ki->k", mirrors.normals, mirrors.normals) > 0.5)
-    corners, normals = mirrors.corners[solid], mirrors.normals[solid]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    together, square, length = _neighbours(corners, normals, area, mirrors.body[solid])
-    label = components(len(solid), together)
+def planar_faces_of(body: Body) -> PlanarFaces:
+    """The faces of a body, found once."""
+    corners, normals, area = body.corners, body.normals, np.linalg.norm(body.areas, axis=1)
+    together, square, length = _neighbours(corners, normals, area)
+    label = components(len(corners), together)
     normal, centre = _planes(label, corners, normals, area)
     label[np.abs(np.einsum("ki,ki->k", normals, normal[label])) < SAME_FACE_COSINE] = -1
-    pairs, contact = _face_pairs(label, square, length)
-    of_triangle = np.full(len(mirrors.corners), -1, dtype=np.int64)
-    of_triangle[solid] = label
-    return PlanarFaces(of_triangle, normal, centre, pairs, solid[contact])
+    return PlanarFaces(label, normal, centre, *_face_pairs(label, square, length))
 
 
-def _neighbours(corners: Real, normals: Real, area: Real, body: Index) -> tuple[Index, Index, Real]:
+def _neighbours(corners: Real, normals: Real, area: Real) -> tuple[Index, Index, Real]:
     """Pairs of triangles in one plane [A, 2], pairs that meet at a right angle [B, 2], and their contact [B] [m]."""
     if not len(corners):
         return np.zeros((0, 2), np.int64), np.zeros((0, 2), np.int64), np.zeros(0)
     box = np.stack([corners.min(axis=1) - 0.5 * TOUCH_M, corners.max(axis=1) + 0.5 * TOUCH_M], axis=1)
     axis = int(np.argmax(np.std(box[:, 0], axis=0)))
     order = np.argsort(box[:, 0, axis], kind="stable")
-    first, second, contact = _sweep(corners, normals, area, body, box, order, axis, np.sin(np.radians(OFF_SQUARE_DEG)))
+    first, second, contact = _sweep(corners, normals, area, box, order, axis, np.sin(np.radians(OFF_SQUARE_DEG)))
     pairs = np.stack([first, second], axis=1)
     square = contact > 0.0
     return pairs[~square], pairs[square], contact[square]
@@ -111,7 +105,7 @@ def _face_pairs(label: Index, square: Index, length: Real) -> tuple[Index, Index
 
 
 @compiled()
-def _sweep(corners, normals, area, body, box, order, axis, off_square):
+def _sweep(corners, normals, area, box, order, axis, off_square):
     """Neighbours among triangles whose boxes overlap: [N] first, [N] second, [N] contact, 0 for those of one plane.
 
     :param box: [T, 2, 3] least and largest coordinates; :param order: [T] by the least along ``axis``
@@ -123,8 +117,6 @@ def _sweep(corners, normals, area, body, box, order, axis, off_square):
             j = order[q]
             if box[j, 0, axis] > box[i, 1, axis]:
                 break
-            if body[i] != body[j]:
-                continue
             apart = False
             for k in range(3):
                 apart |= box[j, 0, k] > box[i, 1, k] or box[i, 0, k] > box[j, 1, k]
@@ -133,7 +125,7 @@ def _sweep(corners, normals, area, body, box, order, axis, off_square):
             cosine = normals[i, 0] * normals[j, 0] + normals[i, 1] * normals[j, 1] + normals[i, 2] * normals[j, 2]
             if abs(cosine) > COPLANAR_COSINE:
                 large, small = (i, j) if area[i] >= area[j] else (j, i)
-                if _height_over(corners[small], corners[large, 0], normals[large]) < COPLANAR_M:
+                if height_over(corners[small], corners[large, 0], normals[large]) < COPLANAR_M:
                     first.append(i)
                     second.append(j)
                     contact.append(0.0)
@@ -144,18 +136,6 @@ def _sweep(corners, normals, area, body, box, order, axis, off_square):
                     second.append(j)
                     contact.append(length)
     return np.array(first[1:]), np.array(second[1:]), np.array(contact[1:])
-
-
-@compiled(cache=False)
-def _height_over(triangle, origin, normal):
-    """Largest distance of a triangle's corners from a plane."""
-    largest = 0.0
-    for c in range(3):
-        height = 0.0
-        for k in range(3):
-            height += (triangle[c, k] - origin[k]) * normal[k]
-        largest = max(largest, abs(height))
-    return largest
 
 
 @compiled(cache=False)

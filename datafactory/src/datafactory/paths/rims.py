@@ -1,16 +1,25 @@
-"""Boundaries of planes, in stretches that are looked at as one edge from afar."""
+"""The planes in which a body's triangles lie, and their boundaries, in stretches that are looked at as one from afar.
+
+Triangles lie in the plane of another one whether they touch or not: slats of one blind are one mirror.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
+from hashlib import sha256
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
+from datafactory.paths.bodies import Body
+from datafactory.paths.merged_scene import found_once
+from shared.physics.compiled import compiled
 from shared.physics.vectors import Index, Real
 
-SAME_POINT_M = 1e-4
+COPLANAR_COSINE = np.cos(np.radians(0.2))
+COPLANAR_M = 1e-3
 STRETCH = 16
 """Edges of a stretch, at most; a rim of no more is one. On munich's ground of 644 edges 8 to 64 are alike, and 4 take
 twice as long (a trial script, four frames)."""
@@ -33,13 +42,13 @@ class Rim(NamedTuple):
     radius: Real
 
     @staticmethod
-    def of(edges: Real) -> Rim:
-        """:param edges: [E, 2, 3] in any order"""
-        if len(edges) <= STRETCH:  # of one stretch, that is always near
-            return Rim(edges, np.array([0, len(edges)]), np.zeros((1, 3)), np.full(1, np.inf))
-        edges = edges[_one_after_another(edges)]
-        broken = np.abs(edges[1:, 0] - edges[:-1, 1]).max(axis=1) > SAME_POINT_M
-        run = np.concatenate([[0], np.cumsum(broken)])
+    def of(vertices: Real, ends: Index) -> Rim:
+        """:param vertices: [V, 3] [m]; :param ends: [E, 2] vertices of the edges, in any order"""
+        if len(ends) <= STRETCH:  # of one stretch, that is always near
+            return Rim(vertices[ends], np.array([0, len(ends)]), np.zeros((1, 3)), np.full(1, np.inf))
+        ends = ends[_one_after_another(ends)]
+        edges = vertices[ends]
+        run = np.concatenate([[0], np.cumsum(ends[1:, 0] != ends[:-1, 1])])
         place = np.arange(len(edges)) - np.searchsorted(run, run)
         begins = np.append(np.flatnonzero(place % STRETCH == 0), len(edges))
         centre, radius = np.zeros((len(begins) - 1, 3)), np.zeros(len(begins) - 1)
@@ -57,34 +66,77 @@ class Rim(NamedTuple):
         every, _, centre, radius = (np.concatenate(parts) for parts in zip(*rims, strict=True))
         return Rim(every, np.append(np.concatenate(begins), edges[-1]), centre, radius)
 
-    def turned(self) -> Rim:
-        """The same, seen from the other side of the plane."""
-        begins = len(self.edges) - self.begins[::-1]
-        return Rim(self.edges[::-1, ::-1], begins, self.centre[::-1], self.radius[::-1])
+
+@dataclass(frozen=True, eq=False)
+class Planes:
+    """The planes of a body's triangles; the boundary of each is found once, on first use."""
+
+    body: Body
+    _of_triangle: dict[int, tuple[Rim, Real]] = field(default_factory=dict, repr=False)
+    _of_members: dict[bytes, tuple[Rim, Real]] = field(default_factory=dict, repr=False)
+
+    def rim(self, triangle: int, origin: Real, normal: Real) -> tuple[Rim, Real]:
+        """The boundary of all that lies in the plane of a triangle, and the normal [3] of the side it is seen from.
+
+        :param triangle: among all of the scene's; :param origin: [3] its first corner [m]; :param normal: [3] unit
+        """
+        if triangle not in self._of_triangle:
+            body = self.body
+            members = _coplanar(body.corners, body.normals, origin, normal)
+            plane = sha256(members.tobytes()).digest()  # the members of a ground are a key of some hundred kilobytes
+            if plane not in self._of_members:
+                side = body.normals[members[:1]].sum(axis=0)
+                away = body.normals[members] @ side < 0.0
+                wound = np.where(away[:, None], body.triangles[members, ::-1], body.triangles[members])
+                self._of_members[plane] = Rim.of(body.vertices, free_edges(wound)), side
+            self._of_triangle[triangle] = self._of_members[plane]
+        return self._of_triangle[triangle]
 
 
-def free_edges(edges: Real) -> Real:
-    """The directed edges whose reverse is not in the list; doubled triangles count once."""
-    start, end = _ends(edges)
-    count = 2 * len(edges)
+@found_once
+def planes_of(body: Body) -> Planes:
+    """The planes of a body, none of whose boundaries is known yet."""
+    return Planes(body)
+
+
+def free_edges(triangles: Index) -> Index:
+    """[E, 2] the directed sides of triangles [T, 3] whose reverse is no side of another one."""
+    start, end = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
+    count = int(start.max(initial=0)) + 1
     forward, index = np.unique(start * count + end, return_index=True)
     back = end[index] * count + start[index]
     shared = np.append(forward, -1)[np.searchsorted(forward, back)] == back
-    return edges[np.sort(index[(start[index] != end[index]) & ~shared])]
+    free = np.sort(index[~shared])
+    return np.stack([start[free], end[free]], axis=1)
 
 
-def _ends(edges: Real) -> Index:
-    """[2, E] numbers of the points at which edges [E, 2, 3] begin and end."""
-    points = np.rint(edges.reshape(-1, 3) / SAME_POINT_M).astype(np.int64)
-    order = np.lexsort(points.T)
-    number = np.zeros(len(points), dtype=np.int64)
-    number[order[1:]] = np.cumsum((points[order[1:]] != points[order[:-1]]).any(axis=1))
-    return number.reshape(-1, 2).T
+@compiled()
+def _coplanar(corners, normals, origin, normal):
+    """The triangles, rising, that lie in a plane."""
+    found, count = np.empty(len(corners), np.int64), 0
+    for t in range(len(corners)):
+        cosine = normals[t, 0] * normal[0] + normals[t, 1] * normal[1] + normals[t, 2] * normal[2]
+        if abs(cosine) > COPLANAR_COSINE and height_over(corners[t], origin, normal) < COPLANAR_M:
+            found[count] = t
+            count += 1
+    return found[:count].copy()
 
 
-def _one_after_another(edges: Real) -> Index:
-    """[E] an order of edges [E, 2, 3] in which most begin where the one before them ends."""
-    start, end = _ends(edges).tolist()
+@compiled(cache=False)
+def height_over(triangle, origin, normal):
+    """Largest distance of a triangle's corners from a plane."""
+    largest = 0.0
+    for c in range(3):
+        height = 0.0
+        for k in range(3):
+            height += (triangle[c, k] - origin[k]) * normal[k]
+        largest = max(largest, abs(height))
+    return largest
+
+
+def _one_after_another(ends: Index) -> Index:
+    """[E] an order of edges between vertices [E, 2] in which most begin where the one before them ends."""
+    start, end = ends.T.tolist()
     waiting: dict[int, list[int]] = {}
     for edge in reversed(range(len(start))):
         waiting.setdefault(start[edge], []).append(edge)

@@ -99,9 +99,8 @@ def _widths(body: Body, facet: Index) -> Real:
     The width of a facet along the unit vector d is sqrt(12 d^T C d), C the covariance of its points: that of a
     rectangle is its side, that of a triangle 0.8 of its height.
     """
-    corners = body.vertices[body.triangles]
-    corners = corners - corners.mean(axis=(0, 1)) if len(corners) else corners
-    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    corners = body.corners - body.corners.mean(axis=(0, 1)) if len(body.corners) else body.corners
+    area = 0.5 * np.linalg.norm(body.areas, axis=1)
     centre = corners.mean(axis=1)
     around = corners - centre[:, None]
     count = int(facet.max(initial=-1)) + 1
@@ -155,9 +154,7 @@ def _is_curved(body: Body, facet: Index, surface: Index, turned: Mask) -> Mask:
     known = surface >= 0
     lead = np.unique(facet[known], return_index=True)[1]
     facets = np.bincount(surface[known][lead], minlength=count)
-    corners = body.vertices[body.triangles]
-    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.where(turned[:, None], -area, area)
+    area = np.where(turned[:, None], -body.areas, body.areas)
     total = np.stack([np.bincount(surface[known], area[known, i], count) for i in range(3)], axis=1)
     closed = np.linalg.norm(total, axis=1)
     size = np.linalg.norm(area, axis=1)

@@ -285,18 +285,14 @@ def _bundle_of(paths: Any, valid: Mask, shapes: dict[int, int], merged_scene: Me
     interactions = columns(paths.interactions).astype(np.int64)
     shape, primitive = columns(paths.objects).astype(np.int64), columns(paths.primitives).astype(np.int64)
     real, imaginary = (part.numpy().reshape(-1)[valid].astype(np.float64) for part in paths.a)
-    rotation = pose.rotation()
     objects, triangles = np.full((2, *shape.shape), -1, dtype=np.int64)
     velocities = np.zeros(vertices.shape)
     for object_id, index in shapes.items():
-        mesh = merged_scene.meshes[index]
         here = (shape == object_id) & (interactions > 0)
-        objects[here] = mesh.object_of_triangle[primitive[here]]
         triangles[here] = merged_scene.first[index] + primitive[here]
-        velocities[here] = (mesh.velocity - np.asarray(pose.velocity)) @ rotation
-        if mesh.turned is not None:
-            of_mesh = np.zeros((len(merged_scene.meshes), 3))
-            velocities[here] = velocities_on(merged_scene, pose, of_mesh, triangles[here], vertices[here])
+    here = interactions > 0
+    objects[here] = merged_scene.owner[triangles[here]]
+    velocities[here] = velocities_on(merged_scene, pose, triangles[here], vertices[here])
     crossings = np.zeros(len(real), dtype=np.int64)
     return Bundle(vertices, interactions, objects, triangles, velocities, crossings, real - 1j * imaginary)
 

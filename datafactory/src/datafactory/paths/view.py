@@ -10,16 +10,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.paths.columns import Columns
 from datafactory.paths.corner_edges import CornerEdges, corners_of
 from datafactory.paths.corner_points import CornerPoints, points_of
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.edges import WedgeEdges, edges_of
-from datafactory.paths.facets import mirrors_of, reflected_share
+from datafactory.paths.facets import reflected_share
 from datafactory.paths.geometry import clear_between, first_hits, mesh_of_shape, ray_margin_m
-from datafactory.paths.merged_scene import MergedScene, owners_of, velocities_on
+from datafactory.paths.merged_scene import MergedScene, velocities_on
 from datafactory.paths.scattering import has_lobes
 from datafactory.paths.slabs import Slabs, onto_planes
 from datafactory.paths.solver import TraceSettings
@@ -118,28 +117,23 @@ class View:
     @cached_property
     def corners(self) -> Real:
         """[T, 3, 3] of all triangles [m]."""
-        return (mirrors_of(self.merged).corners + self.moved[self.merged.mesh_of_triangle][:, None]) @ self.rotation
+        return (self.merged.shapes.corners + self.moved[self.merged.mesh_of_triangle][:, None]) @ self.rotation
 
     @cached_property
     def normals(self) -> Real:
         """[T, 3] unit, of all triangles."""
-        return mirrors_of(self.merged).normals @ self.rotation
+        return self.merged.shapes.normals @ self.rotation
 
     @cached_property
     def heights(self) -> Real:
         """[T] of their planes over the radar, along the normals [m]."""
-        mirrors = mirrors_of(self.merged)
-        return dots(mirrors.normals, mirrors.corners[:, 0] + taken(self.moved, self.merged.mesh_of_triangle))
+        shapes = self.merged.shapes
+        return dots(shapes.normals, shapes.corners[:, 0] + taken(self.moved, self.merged.mesh_of_triangle))
 
     @cached_property
     def flat(self) -> Index:
         """The triangles that may be flat mirrors: those that sample no curved surface."""
         return curved_surfaces_of(self.merged).flat(len(self.merged.mesh_of_triangle))
-
-    @cached_property
-    def owner(self) -> NDArray[np.int32]:
-        """[T] index into ``MergedScene.objects`` of every triangle."""
-        return owners_of(self.merged)
 
     @cached_property
     def edges(self) -> WedgeEdges:
@@ -169,20 +163,15 @@ class View:
         """[M] whether what a mesh scatters has lobes."""
         return np.array([has_lobes(slab.pattern) for slab in self.slabs.materials], dtype=bool)
 
-    @cached_property
-    def _velocity(self) -> Real:
-        """[M, 3] of the meshes that do not turn, relative to the radar [m/s]."""
-        return (self.merged.velocities - np.asarray(self.pose.velocity)) @ self.rotation
-
     def velocity(self, triangle: Index, point: Real) -> Real:
         """[n, 3] velocities relative to the radar of points [n, 3] on triangles [n] [m/s]."""
-        return velocities_on(self.merged, self.pose, self._velocity, triangle, point)
+        return velocities_on(self.merged, self.pose, triangle, point)
 
     def reflected_share(self, triangle: Index, point: Real, arrival: Real, before_m: Real, after_m: Real) -> Complex:
         """[n] factor of the mirrors' finite size at points [n, 3]; see :func:`.facets.reflected_share`."""
         at_rest = point @ self.rotation.T - self.moved[self.merged.mesh_of_triangle[triangle]]
-        mirrors, towards = mirrors_of(self.merged), arrival @ self.rotation.T
-        return reflected_share(mirrors, triangle, at_rest, towards, before_m, after_m, self.wavelength_m)
+        towards = arrival @ self.rotation.T
+        return reflected_share(self.merged.shapes, triangle, at_rest, towards, before_m, after_m, self.wavelength_m)
 
     def sight(self, start: Real, end: Real) -> Mask:
         """[K] whether nothing stands between points [K, 3] and [K, 3]."""
