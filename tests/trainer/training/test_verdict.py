@@ -113,7 +113,7 @@ def test_delay_and_sum_as_a_network_scores_as_delay_and_sum_and_its_gain_multipl
 
 def test_the_average_precision_is_that_of_evaluate(tmp_path):
     data, run = strong_dataset(tmp_path / "data"), make_run(tmp_path / "run")
-    values = score_frame(estimator_contender("das", FULL, RADAR), lambda: strong_frame(200))
+    values = score_frame(estimator_contender("das", FULL, RADAR), strong_frame(200))
     cells = CellScores(values["cells_matched"], values["cells_false"], int(values["cells_true"]))
     expected = pooled([cells]).average_precision()
     assert verdict_of(run, [data]).average_precision["das"] == pytest.approx(expected, abs=1e-3)

@@ -32,10 +32,8 @@ from trainer.evaluation.experiments.bench import (
     EvaluationConfig,
     Experiment,
     FrameRef,
-    Numbers,
     Results,
     Task,
-    known,
     task_of,
 )
 from trainer.evaluation.experiments.contenders import NETWORKS, Contender, check_methods, gather
@@ -53,7 +51,7 @@ from trainer.evaluation.experiments.robustness import Robustness
 from trainer.evaluation.experiments.street import Street, report_frames
 from trainer.evaluation.report.figures import save_figure
 from trainer.evaluation.report.page import ReportFigure, report_page
-from trainer.evaluation.report.tables import MetricRow, metrics_table, summary, write_table
+from trainer.evaluation.report.tables import MetricRow, Numbers, metrics_table, summary, write_table
 from trainer.evaluation.store import CellStore, Values, cell_name
 from trainer.evaluation.workers import Workers, alone
 from trainer.run.answers import Answer, NetworkAnswer
@@ -123,16 +121,17 @@ def evaluate(
             shown = _compute(street, bench, store, pool, partial(advance, "images")) if bench.frames else {}
             for experiment in chosen:
                 results = _compute(experiment, bench, store, pool, partial(advance, experiment.name))
-                found = experiment.rows(bench, results)
+                found = Numbers(experiment.name, config.seed)
+                experiment.count(bench, results, found)
                 for name, figure in experiment.figures(bench, results, found).items():
                     png = save_figure(figure, out / FIGURES, name)
                     figures.append(ReportFigure(experiment.title, experiment.caption, png))
                     written |= {f"{name}.png", f"{name}.svg"}
-                rows += found
+                rows += found.rows
                 texts |= experiment.texts()
         runtimes = Numbers(RUNTIME, config.seed)
         for contender in bench.contenders:
-            runtimes.add(contender.key, SECONDS, {}, known(bench.seconds[contender.key]))
+            runtimes.known(contender.key, SECONDS, {}, bench.seconds[contender.key])
         parameters = {contender.key: contender.parameters for contender in bench.contenders}
         table = metrics_table([*rows, *runtimes.rows], bench.seconds, parameters)
         write_table(table, out)

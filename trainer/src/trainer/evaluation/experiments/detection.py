@@ -8,14 +8,13 @@ from itertools import product
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from shared.physics.errors import figure_text
-from trainer.evaluation.experiments.bench import Bench, FrameRef, Numbers, Results
+from trainer.evaluation.experiments.bench import Bench, FrameRef, Results
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import RESIDUAL, OfFrames, gathered, ranking
 from trainer.evaluation.report.figures import TRUTH_COLOUR, Look, counted, label_ends, legend_below, panels
-from trainer.evaluation.report.tables import AVERAGE_PRECISION, TRUTH, Condition, MetricRow, SummaryColumn
+from trainer.evaluation.report.tables import AVERAGE_PRECISION, TRUTH, Condition, Numbers, SummaryColumn
 from trainer.metrics.detection import D_MAX_BINS, PROMINENCES
 from trainer.metrics.ranking import average_precision
 
@@ -146,26 +145,24 @@ class Detection(OfFrames):
             for (metric, (part, whole)), (d, d_max), (p, prominence) in product(
                 RATES.items(), enumerate(D_MAX_BINS), enumerate(PROMINENCES)
             ):
-                condition = {"d_max": f"{d_max} bins", "prominence": f"{prominence:g}"}
                 parts, wholes = counts[:, d, p, part], counts[:, d, p, list(whole)].sum(axis=-1)
-                found.ratio(contender, metric, condition, parts, wholes)
+                found.ratio(contender.key, metric, _sweep(d_max, prominence), parts, wholes)
             count_frames(bench, results, contender, refs, {}, found)
         for array in bench.arrays:
             count_ranking(bench, results, (TRUTH, array.name), refs, {}, found)
         count_gains(bench, results, refs, found)
 
-    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
+    def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
         refs = self.refs(bench)
         look = Look(one.key for one in bench.contenders)
         title = f"{self.title}: {counted(len(refs), 'frame')}"
         figure, axes = panels(len(D_MAX_BINS), len(RATES), (11.0, 6.4), title, sharex=True, sharey="col")
         for contender in bench.contenders:
-            counts = gathered(results, contender, refs, "paper").sum(axis=0)
             style = {"color": look.colour(contender.method), "ls": look.line(contender.array.name), "lw": 1.3}
-            for line in range(len(D_MAX_BINS)):
-                for column, (part, whole) in enumerate(RATES.values()):
-                    rate = _ratio(counts[line, :, part], counts[line][:, list(whole)].sum(axis=-1))
-                    axes[line, column].plot(PROMINENCES, rate, **style)
+            for line, d_max in enumerate(D_MAX_BINS):
+                swept = [_sweep(d_max, prominence) for prominence in PROMINENCES]
+                for column, metric in enumerate(RATES):
+                    axes[line, column].plot(PROMINENCES, found.values(contender.key, metric, swept), **style)
         for line, d_max in enumerate(D_MAX_BINS):
             for column, metric in enumerate(RATES):
                 axis = axes[line, column]
@@ -187,20 +184,19 @@ def count_frames(
     for d, d_max in enumerate(D_MAX_BINS):
         tp, fp, fn = np.moveaxis(strict[:, d], -1, 0)
         of = {**condition, "d_max": f"{d_max} bins"}
-        found.ratio(contender, RECALL, of, tp, tp + fn)
-        found.ratio(contender, PRECISION, of, tp, tp + fp)
-        found.ratio(contender, F1, of, 2 * tp, 2 * tp + fp + fn)
+        found.ratio(contender.key, RECALL, of, tp, tp + fn)
+        found.ratio(contender.key, PRECISION, of, tp, tp + fp)
+        found.ratio(contender.key, F1, of, 2 * tp, 2 * tp + fp + fn)
     residual = dict(zip(RESIDUAL, np.moveaxis(gathered(results, contender, refs, "residual"), -1, 0), strict=True))
     for metric, part, whole in (
         (UNSUPPORTED, "unsupported", "lines"),
         ("range bins explained to the noise", "explained_rows", "rows"),
         ("energy that the peaks leave", "left", "energy"),
     ):
-        found.ratio(contender, metric, condition, residual[part], residual[whole])
+        found.ratio(contender.key, metric, condition, residual[part], residual[whole])
     for metric, name in IMAGE_METRICS.items():
-        found.mean(contender, metric, condition, gathered(results, contender, refs, name))
+        found.mean(contender.key, metric, condition, gathered(results, contender, refs, name))
 
 
-def _ratio(part: NDArray[np.float64], whole: NDArray[np.float64]) -> NDArray[np.float64]:
-    """NaN, a gap in the curve, where nothing was counted."""
-    return np.divide(part, whole, out=np.full(part.shape, np.nan), where=whole > 0)
+def _sweep(d_max: int, prominence: float) -> Condition:
+    return {"d_max": f"{d_max} bins", "prominence": f"{prominence:g}"}

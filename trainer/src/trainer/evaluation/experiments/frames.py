@@ -4,7 +4,8 @@ share."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple
 from functools import lru_cache, partial
 
@@ -20,14 +21,13 @@ from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.experiments.bench import (
     KEPT,
     Bench,
-    Experiment,
     FrameRef,
+    OnScenes,
     Results,
-    Task,
-    task_of,
 )
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.page import scene_levels
+from trainer.evaluation.report.tables import Condition
 from trainer.evaluation.store import Values
 from trainer.metrics.cells import CellScores, score_cells
 from trainer.metrics.detection import (
@@ -81,22 +81,24 @@ def one_of_each_scene(refs: Sequence[FrameRef], count: int) -> tuple[FrameRef, .
     return tuple(ref for _, ref in sorted(turns, key=lambda entry: entry[0])[:count])
 
 
-def frame_tasks(bench: Bench) -> list[Task]:
-    """The cells of all frames and contenders, frame by frame, and of the truth itself for each array."""
-    tasks = []
-    for ref in bench.frames:
-        inputs, load = [bench.data_sha256, ref.frame_id], partial(load_frame, ref)
-        tasks += [
-            task_of(bench, contender, ref.condition, inputs, partial(score_frame, contender, load))
-            for contender in bench.contenders
-        ]
-        for array in bench.arrays:
-            truth = partial(score_truth, bench.radar, array, load)
-            tasks.append(task_of(bench, None, ref.condition, [*inputs, list(array.rx)], truth, array.name))
-    return tasks
+class OnFrames(OnScenes):
+    """An experiment whose scenes are frames of the test split."""
+
+    @abstractmethod
+    def frames(self, bench: Bench) -> Sequence[FrameRef]:
+        """The frames that have cells."""
+
+    def conditions(self, bench: Bench) -> Sequence[Condition]:
+        return [ref.named for ref in self.frames(bench)]
+
+    def scene(self, bench: Bench, place: int) -> Frame:
+        return load_frame(self.frames(bench)[place])
+
+    def inputs(self, bench: Bench) -> object:
+        return bench.data_sha256
 
 
-class OfFrames(Experiment):
+class OfFrames(OnFrames):
     """An experiment on the scores of single frames, whose cells it shares with the others.
 
     :cvar scenes_alone: it looks at the frames of scenes and not at those of point targets
@@ -109,6 +111,15 @@ class OfFrames(Experiment):
         """The frames that it looks at."""
         return scene_frames(bench) if self.scenes_alone else bench.frames
 
+    def frames(self, bench: Bench) -> Sequence[FrameRef]:
+        return bench.frames
+
+    def score(self, bench: Bench, contender: Contender, place: int, scene: Frame) -> Values:
+        return score_frame(contender, scene)
+
+    def truths(self, bench: Bench, place: int) -> Mapping[str, Callable[[Frame], Values]]:
+        return {array.name: partial(score_truth, bench.radar, array) for array in bench.arrays}
+
     def obstacle(self, bench: Bench) -> str | None:
         if not self.refs(bench):
             return "the test split has no scene frames"
@@ -116,9 +127,6 @@ class OfFrames(Experiment):
         if min(shape) >= SSIM_WINDOW:
             return None
         return f"images have {shape[0]} x {shape[1]} bins, SSIM's window {SSIM_WINDOW} x {SSIM_WINDOW}"
-
-    def tasks(self, bench: Bench) -> Sequence[Task]:
-        return frame_tasks(bench)
 
 
 def scene_frames(bench: Bench) -> tuple[FrameRef, ...]:
@@ -141,14 +149,14 @@ def static_world(frame: Frame, radar: Radar) -> StaticWorld:
     return StaticWorld(EgoMotion.of_pose(frame.sensor_velocity, frame.sensor_orientation), frame.velocity[0], radar)
 
 
-def score_frame(contender: Contender, load: Callable[[], Frame]) -> Values:
+def score_frame(contender: Contender, frame: Frame) -> Values:
     """All scores of one image against the frame's truth, at the strongest Doppler peaks, told the sensor's motion.
 
     paper [2 d_max, prominences, 4]: TP, FP, FN, TN by the paper's rules; strict [2 d_max, 3]: TP, FP, FN one to one;
     residual [6]: see :data:`RESIDUAL`; nmse (NaN unless in sqrt(W)), scaled_nmse, ssim []: NaN where the truth is
     empty; cells_matched [m], cells_false [f], cells_true []: see :class:`trainer.metrics.cells.CellScores`.
     """
-    frame, answer = load(), contender.answer
+    answer = contender.answer
     range_channel, noise = frame.range_channel[0], frame.noise_power
     truth = true_magnitude(frame)
     image, score = answer.image_and_score(range_channel, noise, static_world(frame, answer.radar))
@@ -171,9 +179,8 @@ def score_frame(contender: Contender, load: Callable[[], Frame]) -> Values:
     return {name: np.asarray(value, dtype=np.float64) for name, value in (values | quality | _stored(cells)).items()}
 
 
-def score_truth(radar: Radar, array: ArrayChoice, load: Callable[[], Frame]) -> Values:
+def score_truth(radar: Radar, array: ArrayChoice, frame: Frame) -> Values:
     """What the truth's own image scores against the truth cells that an array could find: the most that is possible."""
-    frame = load()
     truth = true_magnitude(frame)
     channels = len(array.channels(radar))
     cells = score_cells(truth, truth, frame.noise_power, channels, radar.waveform.range_step_m)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from matplotlib.figure import Figure
 
 from shared.physics.errors import figure_text
-from trainer.evaluation.experiments.bench import Bench, Numbers, Results, known
+from trainer.evaluation.experiments.bench import Bench, Results
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.detection import SSIM, count_frames
 from trainer.evaluation.experiments.frames import OfFrames, by_scene
 from trainer.evaluation.report.figures import Look, counted, draw_bar, legend_below, panels
-from trainer.evaluation.report.tables import AVERAGE_PRECISION, MetricRow
+from trainer.evaluation.report.tables import AVERAGE_PRECISION, Condition, Numbers
 from trainer.run.folder import Fingerprint
 
 SHOWN = (AVERAGE_PRECISION, SSIM)
@@ -34,11 +32,9 @@ class Generalisation(OfFrames):
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         for scene, refs in by_scene(bench.frames).items():
             for contender in bench.contenders:
-                condition = {"scene": scene, "trained on it": trained_on(bench, contender, scene)}
-                count_frames(bench, results, contender, refs, condition, found)
+                count_frames(bench, results, contender, refs, _of(bench, contender, scene), found)
 
-    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
-        of_scene = {(row.method, row.array, row.metric, row.condition["scene"]): row for row in rows}
+    def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
         scenes = by_scene(bench.frames)
         look = Look(one.key for one in bench.contenders)
         width = max(7.0, 1.2 + len(scenes) * (0.28 * len(bench.contenders) + 0.4))
@@ -48,7 +44,7 @@ class Generalisation(OfFrames):
         for axis, metric in zip(axes, SHOWN, strict=True):
             for place, contender in enumerate(bench.contenders):
                 for column, scene in enumerate(scenes):
-                    row = of_scene[*contender.key, metric, scene]
+                    row = found.row(contender.key, metric, _of(bench, contender, scene))
                     centre = column + (place - 0.5 * (len(bench.contenders) - 1)) * slot
                     unseen = trained_on(bench, contender, scene) in ("no", "unknown")
                     paler = 1.0 - 0.25 * look.arrays.index(contender.array.name)
@@ -65,6 +61,10 @@ class Generalisation(OfFrames):
         )
         legend_below(figure, look.method_handles())
         return {self.name: figure}
+
+
+def _of(bench: Bench, contender: Contender, scene: str) -> Condition:
+    return {"scene": scene, "trained on it": trained_on(bench, contender, scene)}
 
 
 def trained_on(bench: Bench, contender: Contender, scene: str) -> str:
@@ -107,16 +107,16 @@ class Tradeoff(OfFrames):
 
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         for contender in bench.contenders:
-            found.add(contender.key, PARAMETERS, {}, known(float(contender.parameters)))
+            found.known(contender.key, PARAMETERS, {}, float(contender.parameters))
 
-    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
+    def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
         look = Look(one.key for one in bench.contenders)
         figure, (axes,) = panels(1, len(SHOWN), (10.0, 4.8), self.title)
         for contender in bench.contenders:
             quality = Numbers(self.name, bench.config.seed)
             count_frames(bench, results, contender, self.refs(bench), {}, quality)
             for axis, metric in zip(axes, SHOWN, strict=True):
-                row = next(r for r in quality.rows if r.metric == metric)
+                row = quality.row(contender.key, metric, {})
                 seconds = bench.seconds[contender.key]
                 style = {"color": look.colour(contender.method), "marker": look.marker(contender.array.name)}
                 axis.plot(seconds, row.value, ms=7, ls="", **style)

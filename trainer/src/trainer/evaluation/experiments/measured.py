@@ -24,11 +24,11 @@ from trainer.estimators.fitting import fit_lines, score_peaks
 from trainer.estimators.lines import line_amplitudes
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music
-from trainer.evaluation.experiments.bench import Bench, Experiment, Numbers, Results, Task, known
+from trainer.evaluation.experiments.bench import Bench, Experiment, Results
 from trainer.evaluation.experiments.contenders import kind_of
 from trainer.evaluation.experiments.measured_figures import cartesian_figure, cut_figure
 from trainer.evaluation.experiments.measured_input import MeasuredInput, snapshot_radar
-from trainer.evaluation.report.tables import MetricRow
+from trainer.evaluation.report.tables import Numbers
 from trainer.evaluation.store import Values
 from trainer.metrics.bootstrap import Interval
 from trainer.run.answers import NetworkAnswer, network_answer
@@ -83,14 +83,11 @@ class Measured(Experiment):
         self._pictures: Found = {}
         self._reference = np.empty(0)
 
-    def tasks(self, bench: Bench) -> Sequence[Task]:
-        return []
-
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         with threadpool_limits(limits=1):
             self._look()
         for n, angle in enumerate(self._reference, 1):
-            found.add(("ml", "reference"), f"angle {n} [deg]", {"elements": "all"}, known(float(angle)))
+            found.known(("ml", "reference"), f"angle {n} [deg]", {"elements": "all"}, float(angle))
         for key, values in self._spectra.items():
             angles = _degrees(values["lines"])
             numbers: dict[str, float] = {}
@@ -103,7 +100,7 @@ class Measured(Experiment):
             for metric, value in numbers.items():
                 found.add(key, metric, {}, Interval(value, math.nan, math.nan))
 
-    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
+    def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
         notes = _notes(self._spectra, self._reference)
         drawn = {NAME: cut_figure(self.measured, self.title, self._spectra, self._reference, notes)}
         if self._pictures:
