@@ -9,6 +9,7 @@ full array, lambda / (span + spacing) = 0.041 in u.
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 
@@ -30,6 +31,9 @@ from trainer.metrics.peaks import point_spread, resolved, strongest_peaks
 
 RANGE_M = 5.7
 RCS_DBSM = 0.0
+AT_RANGE: Condition = {"range": f"{RANGE_M:g} m"}
+PAIR: Condition = {**AT_RANGE, "separation": "1 RL"}
+"""What the numbers of one cylinder and of two are of."""
 SHOWN_U = 0.1
 ANGLES = (-0.6, -0.45, -0.3, -0.15, 0.0, SHOWN_U, 0.25, 0.4, 0.55)
 """u = sin(azimuth) of a single cylinder, one simulation each."""
@@ -115,8 +119,8 @@ class PointSpread(Cylinders):
         "image's own maximum; the cut is that of the cylinder's range bin. In the table, sidelobes below -60 dB "
         "count as -60 dB; table and panels have means over nine directions."
     )
-    metrics, of_all = (WIDTH, SIDELOBE, "integrated sidelobes [dB]", "angle error [bins]"), {"range": f"{RANGE_M:g} m"}
-    stream, shown, reach = 8, ANGLES.index(SHOWN_U), 0.5
+    metrics = (WIDTH, SIDELOBE, "integrated sidelobes [dB]", "angle error [bins]")
+    of_all, stream, shown, reach = AT_RANGE, 8, ANGLES.index(SHOWN_U), 0.5
 
     def conditions(self, bench: Bench) -> Sequence[Condition]:
         return [{"u": f"{u:g}"} for u in ANGLES]
@@ -129,11 +133,12 @@ class PointSpread(Cylinders):
 
     def judged(self, radar: Radar, place: int, cut: NDArray[np.float64]) -> Values:
         """NaN of an empty cut."""
-        found, step, numbers = point_spread(cut, radar.grid.u), radar.grid.step, np.full(len(self.metrics), np.nan)
+        found, step = point_spread(cut, radar.grid.u), radar.grid.step
+        numbers = [math.nan] * len(self.metrics)
         if found is not None:
-            lobes = (max(level, -REPORT_SPAN_DB) for level in (found.pslr_db, found.islr_db))
-            numbers[:] = found.width / step, *lobes, abs(found.u - ANGLES[place]) / step
-        return dict(zip(self.metrics, numbers[:, None], strict=True))
+            sidelobes = (max(level, -REPORT_SPAN_DB) for level in (found.pslr_db, found.islr_db))
+            numbers = [found.width / step, *sidelobes, abs(found.u - ANGLES[place]) / step]
+        return {metric: np.asarray(number) for metric, number in zip(self.metrics, numbers, strict=True)}
 
     def note(self, found: Numbers, key: tuple[str, str]) -> str:
         width, sidelobe = (found.row(key, metric, self.of_all).value for metric in (WIDTH, SIDELOBE))
@@ -153,8 +158,8 @@ class Reflectors(Cylinders):
         "Simulated, one realisation of phases and noise; levels below each image's own maximum. Panels and table "
         "have the share of realisations in which both were found within half of their distance."
     )
-    metrics, of_all = (PROBABILITY_OF_RESOLUTION,), {"range": f"{RANGE_M:g} m", "separation": "1 RL"}
-    stream, shown, reach = 10, 0, 0.25
+    metrics = (PROBABILITY_OF_RESOLUTION,)
+    of_all, stream, shown, reach = PAIR, 10, 0, 0.25
 
     def conditions(self, bench: Bench) -> Sequence[Condition]:
         return [{"realisation": index} for index in range(min(bench.config.trials, MOST_REALISATIONS))]

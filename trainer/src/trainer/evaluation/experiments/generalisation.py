@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Sequence
+
+import numpy as np
 from matplotlib.figure import Figure
 
+from shared.dataset import Frame
 from shared.physics.errors import figure_text
-from trainer.evaluation.experiments.bench import Bench, Results
+from trainer.evaluation.experiments.bench import Bench, FrameRef, Results
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.detection import SSIM, count_frames
-from trainer.evaluation.experiments.frames import OfFrames, by_scene
+from trainer.evaluation.experiments.frames import OfFrames, OnFrames, by_scene
 from trainer.evaluation.report.figures import Look, counted, draw_bar, legend_below, panels
 from trainer.evaluation.report.tables import AVERAGE_PRECISION, Condition, Numbers
+from trainer.evaluation.store import Values
 from trainer.run.folder import Fingerprint
 
 SHOWN = (AVERAGE_PRECISION, SSIM)
 SECONDS, PARAMETERS = "seconds for an image", "trained parameters"
+RUNTIME_REPEATS = 3
+"""Runs for one image after a first one, of which the shortest counts: what else a machine does only adds."""
 
 
 class Generalisation(OfFrames):
@@ -92,6 +100,27 @@ def _seen(bench: Bench, fingerprint: Fingerprint, scene: str) -> str:
     if any(record.content_sha256 in contents for record in fingerprint.scenes):
         return "yes"
     return "unknown" if scene in {record.name for record in fingerprint.scenes} else "no"
+
+
+class Runtime(OnFrames):
+    """Seconds for one image of each contender, one thread: the first test frame, whole."""
+
+    name = "runtime"
+
+    def frames(self, bench: Bench) -> Sequence[FrameRef]:
+        return bench.frames[:1]
+
+    def score(self, bench: Bench, contender: Contender, place: int, scene: Frame) -> Values:
+        seconds = []
+        for _ in range(1 + RUNTIME_REPEATS):
+            start = time.perf_counter()
+            contender.answer.image(scene.range_channel[0], scene.noise_power)
+            seconds.append(time.perf_counter() - start)
+        return {"seconds": np.asarray(min(seconds[1:]))}
+
+    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
+        for contender in bench.contenders:
+            found.known(contender.key, SECONDS, {}, bench.seconds[contender.key])
 
 
 class Tradeoff(OfFrames):

@@ -51,6 +51,7 @@ LEAST_DB = -15.0
 leave -19 to -21 dB of a row's power."""
 MOST_LINES = 8
 FOUND_WITHIN_DEG = 1.0
+WITHIN = f"within {FOUND_WITHIN_DEG:g} deg"
 HANN = (0.0, -0.5, 1.0, -0.5, 0.0)
 """What a point in the middle of a range bin is in its neighbours: a network that looks along range is shown a snapshot
 so."""
@@ -96,12 +97,16 @@ class Measured(Experiment):
             numbers["power left [dB]"] = float(values["left_db"])
             if len(self._reference):
                 which = "both" if len(self._reference) == 2 else "all"
-                numbers[f"{which} within {FOUND_WITHIN_DEG:g} deg"] = float(_all_found(angles, self._reference))
+                numbers[f"{which} {WITHIN}"] = float(_all_found(angles, self._reference))
             for metric, value in numbers.items():
                 found.add(key, metric, {}, Interval(value, math.nan, math.nan))
 
     def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
-        notes = _notes(self._spectra, self._reference)
+        notes = {}
+        for array in dict.fromkeys(array for _, array in self._spectra):
+            near = [row.value for row in found.rows if row.array == array and row.metric.endswith(WITHIN)]
+            if near:
+                notes[array] = f"{sum(near):.0f} of {len(near)} find all {WITHIN}"
         drawn = {NAME: cut_figure(self.measured, self.title, self._spectra, self._reference, notes)}
         if self._pictures:
             drawn[f"{NAME}-picture"] = cartesian_figure(self.measured, self._pictures)
@@ -170,19 +175,6 @@ def fitting_networks(
 def _elements(measured: MeasuredInput, answer: NetworkAnswer) -> NDArray[np.intp]:
     """[C] of the row, which a network looks at; -1 for a channel that the row does not have."""
     return answer.channels if measured.frame is None else measured.element[answer.channels]
-
-
-def _notes(spectra: Found, reference: NDArray[np.float64]) -> dict[str, str]:
-    """How many methods find all, by array; nothing where nobody knows how many there are."""
-    if not len(reference):
-        return {}
-    of_array: dict[str, list[bool]] = {}
-    for (_, array), values in spectra.items():
-        of_array.setdefault(array, []).append(_all_found(_degrees(values["lines"]), reference))
-    return {
-        array: f"{sum(found)} of {len(found)} find all within {FOUND_WITHIN_DEG:g} deg"
-        for array, found in of_array.items()
-    }
 
 
 def _line_list(measured: MeasuredInput, spectra: Found, reference: NDArray[np.float64]) -> str:
