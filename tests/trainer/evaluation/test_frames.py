@@ -13,7 +13,7 @@ from shared.dataset import Target
 from trainer.evaluation.experiments.bench import FrameRef
 from trainer.evaluation.experiments.contenders import estimator_contender
 from trainer.evaluation.experiments.doppler import score_peaks
-from trainer.evaluation.experiments.frames import one_of_each_scene, ranking, score_frame, score_truth
+from trainer.evaluation.experiments.frames import FrameScores, one_of_each_scene, score_frame, score_truth
 from trainer.evaluation.report.page import from_bytes, scene_levels, to_bytes
 from trainer.metrics.cells import truth_cells
 from trainer.run.answers import Answer
@@ -74,7 +74,7 @@ def average_precision(contender, made):
     values = score_frame(contender, made)
     refs = [FrameRef(Path("p"), 0, 0, "scene", "hall")]
     results = {(*contender.key, refs[0].condition): values}
-    return ranking(results, contender.key, refs).average_precision()
+    return FrameScores(results, refs).ranking(contender.key).average_precision()
 
 
 def test_the_truth_has_all_the_precision_an_empty_image_none_and_delay_and_sum_some():

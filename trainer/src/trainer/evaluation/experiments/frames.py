@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple
+from dataclasses import astuple, dataclass
 from functools import lru_cache, partial
 
 import numpy as np
@@ -111,6 +111,10 @@ class OfFrames(OnFrames):
         """The frames that it looks at."""
         return scene_frames(bench) if self.scenes_alone else bench.frames
 
+    def scores(self, bench: Bench, results: Results) -> FrameScores:
+        """Of the frames that it looks at."""
+        return FrameScores(results, self.refs(bench))
+
     def frames(self, bench: Bench) -> Sequence[FrameRef]:
         return bench.frames
 
@@ -191,15 +195,21 @@ def _stored(cells: CellScores) -> dict[str, NDArray[np.float64] | float]:
     return {"cells_matched": cells.matched, "cells_false": cells.false_alarms, "cells_true": float(cells.truths)}
 
 
-def ranking(results: Results, key: tuple[str, str], refs: Sequence[FrameRef]) -> Ranking:
-    """Detections over frames.
+@dataclass(frozen=True, eq=False)
+class FrameScores:
+    """The scores of some frames, by :func:`score_frame` and :func:`score_truth`."""
 
-    :param key: (method, array); the method may be :data:`TRUTH`
-    """
-    found = [results[*key, ref.condition] for ref in refs]
-    return pooled([CellScores(one["cells_matched"], one["cells_false"], int(one["cells_true"])) for one in found])
+    results: Results
+    refs: Sequence[FrameRef]
 
+    def ranking(self, key: tuple[str, str]) -> Ranking:
+        """Detections over the frames.
 
-def gathered(results: Results, contender: Contender, refs: Sequence[FrameRef], name: str) -> NDArray[np.float64]:
-    """[frames, ...] one score of a contender over frames."""
-    return np.stack([results[*contender.key, ref.condition][name] for ref in refs])
+        :param key: (method, array); the method may be :data:`TRUTH`
+        """
+        found = [self.results[*key, ref.condition] for ref in self.refs]
+        return pooled([CellScores(one["cells_matched"], one["cells_false"], int(one["cells_true"])) for one in found])
+
+    def gathered(self, key: tuple[str, str], name: str) -> NDArray[np.float64]:
+        """[frames, ...] one score of a (method, array)."""
+        return np.stack([self.results[*key, ref.condition][name] for ref in self.refs])

@@ -13,7 +13,7 @@ from shared.physics.errors import figure_text
 from trainer.evaluation.experiments.bench import Bench, FrameRef, Results
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.detection import SSIM, count_frames
-from trainer.evaluation.experiments.frames import OfFrames, OnFrames, by_scene
+from trainer.evaluation.experiments.frames import FrameScores, OfFrames, OnFrames, by_scene
 from trainer.evaluation.report.figures import Look, counted, draw_bar, legend_below, panels
 from trainer.evaluation.report.tables import AVERAGE_PRECISION, Condition, Numbers
 from trainer.evaluation.store import Values
@@ -40,7 +40,7 @@ class Generalisation(OfFrames):
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         for scene, refs in by_scene(bench.frames).items():
             for contender in bench.contenders:
-                count_frames(bench, results, contender, refs, _of(bench, contender, scene), found)
+                count_frames(FrameScores(results, refs), contender.key, _of(bench, contender, scene), found)
 
     def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
         scenes = by_scene(bench.frames)
@@ -143,7 +143,7 @@ class Tradeoff(OfFrames):
         figure, (axes,) = panels(1, len(SHOWN), (10.0, 4.8), self.title)
         for contender in bench.contenders:
             quality = Numbers(self.name, bench.config.seed)
-            count_frames(bench, results, contender, self.refs(bench), {}, quality)
+            count_frames(self.scores(bench, results), contender.key, {}, quality)
             for axis, metric in zip(axes, SHOWN, strict=True):
                 row = quality.row(contender.key, metric, {})
                 seconds = bench.seconds[contender.key]

@@ -240,16 +240,12 @@ class LineFit:
     def image(
         self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: object
     ) -> NDArray[np.float64]:
-        """[R, U] lines; the noise of each row is all noise that the fit is told."""
-        noise = np.broadcast_to(np.asarray(noise_power, dtype=np.float64), len(snapshots))
-        score = ESTIMATORS["likes"]().image(snapshots, array, u, noise)
-        found = np.zeros((len(snapshots), len(u)))
-        for row, (x, power) in enumerate(zip(snapshots, noise, strict=True)):
-            candidates = score_peaks(score[row : row + 1], u, CANDIDATES)
-            lines = fit_lines(x[None], array, float(power), candidates, -np.inf)
-            angles = np.where(np.isfinite(lines.u), lines.u, 0.0)
-            found[row] = draw_lines(angles, np.abs(lines.amplitude), array, u)[0]
-        return found
+        """[1, U] lines of one row; its noise is all noise that the fit is told."""
+        noise = np.broadcast_to(np.asarray(noise_power, dtype=np.float64), 1)
+        candidates = score_peaks(ESTIMATORS["likes"]().image(snapshots, array, u, noise), u, CANDIDATES)
+        lines = fit_lines(snapshots, array, float(noise[0]), candidates, -np.inf)
+        angles = np.where(np.isfinite(lines.u), lines.u, 0.0)
+        return draw_lines(angles, np.abs(lines.amplitude), array, u)
 
 
 def _judged(

@@ -65,7 +65,7 @@ class Numbers:
 
     def __init__(self, experiment: str, seed: int) -> None:
         self._rows: dict[tuple[str, str, str, str], MetricRow] = {}
-        self._experiment, self._seed = experiment, seed
+        self.experiment, self.seed = experiment, seed
 
     @property
     def rows(self) -> list[MetricRow]:
@@ -86,7 +86,7 @@ class Numbers:
         :param key: (method, array)
         :param samples: what it is a mean of
         """
-        row = MetricRow(self._experiment, *key, metric, condition, found.value, found.low, found.high, samples)
+        row = MetricRow(self.experiment, *key, metric, condition, found.value, found.low, found.high, samples)
         self._rows[*key, metric, condition_text(condition)] = row
 
     def known(self, key: tuple[str, str], metric: str, condition: Condition, value: float) -> None:
@@ -108,7 +108,7 @@ class Numbers:
             found = wilson(int(values.sum()), len(values))
         else:
             values = values[np.isfinite(values)]
-            found = bootstrap_mean(values, self._seed) if len(values) else UNDEFINED
+            found = bootstrap_mean(values, self.seed) if len(values) else UNDEFINED
         if root:
             found = Interval(*map(math.sqrt, (found.value, found.low, found.high)))
         self.add(key, metric, condition, found, len(values))
@@ -118,7 +118,7 @@ class Numbers:
     ) -> None:
         """A ratio of sums over frames with its bootstrap interval over the frames; NaN where the whole is nothing."""
         part, whole = np.asarray(parts, dtype=np.float64), np.asarray(wholes, dtype=np.float64)
-        found = bootstrap_ratio(part, whole, self._seed) if whole.sum() > 0 else UNDEFINED
+        found = bootstrap_ratio(part, whole, self.seed) if whole.sum() > 0 else UNDEFINED
         self.add(key, metric, condition, found, len(whole))
 
 
