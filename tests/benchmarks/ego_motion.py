@@ -96,9 +96,9 @@ def scores(answer: Answer, frames: Sequence[Frame], radar: Radar) -> tuple[list[
     for frame in frames:
         rows, noise = frame.range_channel[0], frame.noise_power
         truth = np.asarray(frame.image, dtype=np.float64) * frame.image_peak
-        seen = answer.image_and_score(rows, noise, static_world(frame, radar))
-        cells.append(answer.score_cells(truth, rows, noise, seen))
-        errors.append(nmse(seen[0], truth))
+        image, found = answer.scored(truth, rows, noise, static_world(frame, radar))
+        cells.append(found)
+        errors.append(nmse(image, truth))
     return cells, np.array(errors)
 
 

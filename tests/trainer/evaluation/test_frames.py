@@ -25,8 +25,8 @@ class Known(Answer):
 
     function: Any
 
-    def images(self, range_channel, noise_power, model_error_db=None, world=None):
-        return self.function(range_channel, noise_power)
+    def images(self, range_channel, told):
+        return self.function(range_channel, told.noise_power)
 
     def das(self, range_channel):
         raise AssertionError("nothing that is scored here looks at delay and sum")

@@ -31,7 +31,7 @@ from trainer.evaluation.experiments.measured_input import MeasuredInput, snapsho
 from trainer.evaluation.report.tables import Numbers
 from trainer.evaluation.store import Values
 from trainer.metrics.bootstrap import Interval
-from trainer.run.answers import NetworkAnswer, network_answer
+from trainer.run.answers import NetworkAnswer, Told, network_answer
 from trainer.run.detections import CANDIDATES
 from trainer.run.folder import RUN_FILE, load_imager
 from trainer.run.other_radars import fitted_imager
@@ -133,13 +133,13 @@ class Measured(Experiment):
                     self._pictures[method, next(iter(measured.elements))] = _picture(measured, method)
         for name, answer in self._networks:
             key, elements, u = (name, answer.array.name), _elements(measured, answer), answer.radar.grid.u
+            told = Told(measured.noise_power, measured.model_error_db)
             if measured.frame is None:
                 rows = (np.array(HANN)[:, None] * measured.snapshot).astype(np.complex64)
-                images, _ = answer.images(rows[None], measured.noise_power, measured.model_error_db)
+                images, _ = answer.images(rows[None], told)
                 spectrum = images[0, HANN.index(1.0)]
             else:
-                frame = measured.frame
-                images, _ = answer.images(frame.range_channel[:1], frame.noise_power, measured.model_error_db)
+                images, _ = answer.images(measured.frame.range_channel[:1], told)
                 self._pictures[key] = {"image": images[0], "u": u}
                 spectrum = images[0, measured.row]
             x, line = measured.snapshot[None, elements], measured.line(elements)
