@@ -129,26 +129,6 @@ class Task:
         return self.method, self.array, self.condition
 
 
-def task_of(
-    bench: Bench,
-    contender: Contender | None,
-    condition: str,
-    inputs: object,
-    compute: Callable[[], Values],
-    array: str = "",
-) -> Task:
-    """A task whose cell depends on the radar, the contender and ``inputs``, of plain JSON types.
-
-    :param contender: None for what belongs to none, the truth
-    :param array: of the truth's task, if it belongs to one
-    """
-    radar = bench.radar.model_dump(mode="json")
-    if contender is None:
-        rx = [list(one.rx) for one in bench.arrays if one.name == array]
-        return Task(TRUTH, array, condition, digest([radar, inputs, rx]), compute)
-    return Task(*contender.key, condition, digest([contender.inputs, radar, inputs]), compute, contender.device)
-
-
 Results = Mapping[tuple[str, str, str], Values]
 """The filled cells of one experiment by (method, array, condition)."""
 
@@ -236,12 +216,14 @@ class OnScenes(Experiment, ABC):
             return compute(kept(place))
 
         tasks = []
-        for place, condition in enumerate(self.conditions(bench)):
-            given = condition_text(condition), self.inputs(bench)
+        given = [bench.radar.model_dump(mode="json"), self.inputs(bench)]
+        for place, condition in enumerate(map(condition_text, self.conditions(bench))):
             for contender in self.entrants(bench):
-                tasks.append(task_of(bench, contender, *given, partial(cell, contender, place)))
-            for array, compute in self.truths(bench, place).items():
-                tasks.append(task_of(bench, None, *given, partial(true, compute, place), array))
+                inputs, compute = digest([*given, contender.inputs]), partial(cell, contender, place)
+                tasks.append(Task(*contender.key, condition, inputs, compute, contender.device))
+            for array, scored in self.truths(bench, place).items():
+                rx = [list(one.rx) for one in bench.arrays if one.name == array]
+                tasks.append(Task(TRUTH, array, condition, digest([*given, rx]), partial(true, scored, place)))
         return tasks
 
     def pooled(self, contender: Contender) -> Condition | None:
