@@ -16,8 +16,8 @@ from shared.dataset import Frame
 from shared.dataset.folder import Dataset
 from shared.dataset.reading import read_frame
 from shared.radar import Radar
-from shared.signal.ego_motion import EgoMotion, StaticWorld
 from trainer.data.arrays import ArrayChoice
+from trainer.data.motion import known_world
 from trainer.evaluation.experiments.bench import (
     KEPT,
     Bench,
@@ -148,11 +148,6 @@ def true_magnitude(frame: Frame) -> NDArray[np.float64]:
     return np.asarray(frame.image, dtype=np.float64) * frame.image_peak
 
 
-def static_world(frame: Frame, radar: Radar) -> StaticWorld:
-    """What the sensor's motion says of a frame's rows [R] at their strongest Doppler peaks."""
-    return StaticWorld(EgoMotion.of_pose(frame.sensor_velocity, frame.sensor_orientation), frame.velocity[0], radar)
-
-
 def score_frame(contender: Contender, frame: Frame) -> Values:
     """All scores of one image against the frame's truth, at the strongest Doppler peaks, told the sensor's motion.
 
@@ -163,7 +158,7 @@ def score_frame(contender: Contender, frame: Frame) -> Values:
     answer = contender.answer
     range_channel, noise = frame.range_channel[0], frame.noise_power
     truth = true_magnitude(frame)
-    image, cells = answer.scored(truth, range_channel, noise, static_world(frame, answer.radar))
+    image, cells = answer.scored(truth, range_channel, noise, known_world(vars(frame), answer.radar))
     detected, true = find_image_peaks(image), find_image_peaks(truth).above(TRUTH_PROMINENCE)
     paper = [[astuple(counts) for counts in paper_sweep(detected, true, PROMINENCES, d_max)] for d_max in D_MAX_BINS]
     prominent = detected.above(STRICT_PROMINENCE)

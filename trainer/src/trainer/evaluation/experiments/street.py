@@ -14,9 +14,10 @@ from shared.dataset.reading import open_shard, read_frame
 from shared.physics.errors import figure_text
 from shared.pictures import SPAN_DB, level_db, range_weighted
 from shared.radar import Radar
+from trainer.data.motion import known_world
 from trainer.evaluation.experiments.bench import Bench, FrameRef, Results
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.frames import OnFrames, one_of_each_scene, static_world, true_magnitude
+from trainer.evaluation.experiments.frames import OnFrames, one_of_each_scene, true_magnitude
 from trainer.evaluation.report.figures import image_sheet
 from trainer.evaluation.report.page import (
     PEAKS,
@@ -50,7 +51,7 @@ class Street(OnFrames):
         return shown_frames(bench)
 
     def score(self, bench: Bench, contender: Contender, place: int, scene: Frame) -> Values:
-        world = static_world(scene, bench.radar)
+        world = known_world(vars(scene), bench.radar)
         image, _ = contender.answer.image_and_score(scene.range_channel[0], scene.noise_power, world)
         return {"levels": to_bytes(scene_levels(image, contender.answer.unit, true_magnitude(scene)))}
 
