@@ -174,7 +174,7 @@ class Experiment:
         return {}
 
 
-class OnScenes(Experiment, ABC):
+class SceneByScene(Experiment, ABC):
     """Every contender on the same scenes, simulated ones or frames: a cell is what one of them makes of one scene.
 
     :cvar metrics: what is counted, one figure for each trial of a scene, by its name in cells and table

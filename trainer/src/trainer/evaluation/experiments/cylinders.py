@@ -21,7 +21,7 @@ from shared.radar import Radar
 from shared.signal import target_amplitudes
 from shared.signal.windows import cell_noise_power
 from trainer.data.simulation import close_up, in_plane, out_of_sight, resolution_cell, snapshot, truth_image
-from trainer.evaluation.experiments.bench import Bench, OnScenes, Results
+from trainer.evaluation.experiments.bench import Bench, Results, SceneByScene
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.figures import image_panels
 from trainer.evaluation.report.page import REPORT_SPAN_DB, own_levels
@@ -47,7 +47,7 @@ Echoes = tuple[NDArray[np.float64], NDArray[np.complex128]]
 """([K, 3] positions [m], [K] amplitudes [sqrt(W)])."""
 
 
-class Cylinders(OnScenes):
+class Cylinders(SceneByScene):
     """What contenders image around the cylinders, beside what the virtual sensor sees of one of the scenes.
 
     :cvar of_all: the condition of the numbers, which are over all scenes

@@ -22,7 +22,7 @@ from shared.radar import Radar
 from shared.signal.ego_motion import folded
 from trainer.evaluation.experiments.bench import Bench, FrameRef, Results
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.frames import OnFrames, load_frame, true_magnitude
+from trainer.evaluation.experiments.frames import FrameByFrame, load_frame, true_magnitude
 from trainer.evaluation.report.figures import PANEL_PIXELS, colour_bar, draw_image, panels
 from trainer.evaluation.report.page import doppler_map
 from trainer.evaluation.report.tables import Numbers
@@ -39,7 +39,7 @@ LEVEL = 0.1
 PLACES = ("in the strongest Doppler peak", "in a weaker Doppler peak")
 
 
-class Doppler(OnFrames):
+class Doppler(FrameByFrame):
     """Is what moves found behind what stands?"""
 
     name = "doppler"

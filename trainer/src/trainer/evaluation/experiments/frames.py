@@ -22,8 +22,8 @@ from trainer.evaluation.experiments.bench import (
     KEPT,
     Bench,
     FrameRef,
-    OnScenes,
     Results,
+    SceneByScene,
 )
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.page import scene_levels
@@ -81,7 +81,7 @@ def one_of_each_scene(refs: Sequence[FrameRef], count: int) -> tuple[FrameRef, .
     return tuple(ref for _, ref in sorted(turns, key=lambda entry: entry[0])[:count])
 
 
-class OnFrames(OnScenes):
+class FrameByFrame(SceneByScene):
     """An experiment whose scenes are frames of the test split."""
 
     @abstractmethod
@@ -98,7 +98,7 @@ class OnFrames(OnScenes):
         return bench.data_sha256
 
 
-class OfFrames(OnFrames):
+class OfFrames(FrameByFrame):
     """An experiment on the scores of single frames, whose cells it shares with the others.
 
     :cvar scenes_alone: it looks at the frames of scenes and not at those of point targets

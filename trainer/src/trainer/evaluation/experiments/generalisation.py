@@ -13,7 +13,7 @@ from shared.physics.errors import figure_text
 from trainer.evaluation.experiments.bench import Bench, FrameRef, Results
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.detection import SSIM, count_frames
-from trainer.evaluation.experiments.frames import FrameScores, OfFrames, OnFrames, by_scene
+from trainer.evaluation.experiments.frames import FrameByFrame, FrameScores, OfFrames, by_scene
 from trainer.evaluation.report.figures import Look, counted, draw_bar, legend_below, panels
 from trainer.evaluation.report.tables import AVERAGE_PRECISION, Condition, Numbers
 from trainer.evaluation.store import Values
@@ -40,7 +40,7 @@ class Generalisation(OfFrames):
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         for scene, refs in by_scene(bench.frames).items():
             for contender in bench.contenders:
-                count_frames(FrameScores(results, refs), contender.key, _of(bench, contender, scene), found)
+                count_frames(FrameScores(results, refs), contender.key, _condition(bench, contender, scene), found)
 
     def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
         scenes = by_scene(bench.frames)
@@ -52,7 +52,7 @@ class Generalisation(OfFrames):
         for axis, metric in zip(axes, SHOWN, strict=True):
             for place, contender in enumerate(bench.contenders):
                 for column, scene in enumerate(scenes):
-                    row = found.row(contender.key, metric, _of(bench, contender, scene))
+                    row = found.row(contender.key, metric, _condition(bench, contender, scene))
                     centre = column + (place - 0.5 * (len(bench.contenders) - 1)) * slot
                     unseen = trained_on(bench, contender, scene) in ("no", "unknown")
                     paler = 1.0 - 0.25 * look.arrays.index(contender.array.name)
@@ -71,7 +71,7 @@ class Generalisation(OfFrames):
         return {self.name: figure}
 
 
-def _of(bench: Bench, contender: Contender, scene: str) -> Condition:
+def _condition(bench: Bench, contender: Contender, scene: str) -> Condition:
     return {"scene": scene, "trained on it": trained_on(bench, contender, scene)}
 
 
@@ -102,7 +102,7 @@ def _seen(bench: Bench, fingerprint: Fingerprint, scene: str) -> str:
     return "unknown" if scene in {record.name for record in fingerprint.scenes} else "no"
 
 
-class Runtime(OnFrames):
+class Runtime(FrameByFrame):
     """Seconds for one image of each contender, one thread: the first test frame, whole."""
 
     name = "runtime"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shared.physics.errors import figure_text
 from shared.signal.windows import cell_noise_power
 from trainer.data.simulation import snapshot
-from trainer.evaluation.experiments.bench import Bench, OnScenes, Results
+from trainer.evaluation.experiments.bench import Bench, Results, SceneByScene
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.figures import Look, draw_bar, panels
 from trainer.evaluation.report.tables import Condition, Numbers, SummaryColumn
@@ -27,7 +27,7 @@ METRIC = "false alarms a noise-only frame"
 SUMMARY = (SummaryColumn("false alarms", METRIC, digits=1),)
 
 
-class NoiseOnly(OnScenes):
+class NoiseOnly(SceneByScene):
     """Is anything invented?"""
 
     name = "noise-only"

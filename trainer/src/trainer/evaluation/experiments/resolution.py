@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from shared.physics.errors import figure_text
 from trainer.data.simulation import Condition, Trials, no_room, simulate
 from trainer.estimators.ml import MaximumLikelihood
-from trainer.evaluation.experiments.bench import Bench, OnScenes, Results
+from trainer.evaluation.experiments.bench import Bench, Results, SceneByScene
 from trainer.evaluation.experiments.contenders import Contender, estimator_contender
 from trainer.evaluation.report.figures import Look, legend_below, panels
 from trainer.evaluation.report.tables import PROBABILITY_OF_RESOLUTION, Numbers, SummaryColumn, condition_text
@@ -45,7 +45,7 @@ SUMMARY = (
 """Pairs of equal targets."""
 
 
-class Resolution(OnScenes):
+class Resolution(SceneByScene):
     """How close may two targets be, and how well is one placed?"""
 
     name = "resolution"

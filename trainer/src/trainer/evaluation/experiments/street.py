@@ -17,7 +17,7 @@ from shared.radar import Radar
 from trainer.data.motion import known_world
 from trainer.evaluation.experiments.bench import Bench, FrameRef, Results
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.frames import OnFrames, one_of_each_scene, true_magnitude
+from trainer.evaluation.experiments.frames import FrameByFrame, one_of_each_scene, true_magnitude
 from trainer.evaluation.report.figures import image_sheet
 from trainer.evaluation.report.page import (
     PEAKS,
@@ -35,7 +35,7 @@ from trainer.evaluation.store import Values
 from trainer.run.targets import AMPLITUDE
 
 
-class Street(OnFrames):
+class Street(FrameByFrame):
     """What do the images look like?"""
 
     name = "street"
