@@ -232,11 +232,11 @@ class SceneByScene(Experiment, ABC):
 
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         """Mean or share of each metric."""
-        conditions = self.conditions(bench)
+        scenes = self.conditions(bench)
         for contender in self.entrants(bench):
-            cells = [results[*contender.key, condition_text(condition)] for condition in conditions]
             of_all = self.pooled(contender)
-            samples = zip(conditions, [[cell] for cell in cells], strict=True) if of_all is None else [(of_all, cells)]
-            for condition, sample in samples:
+            samples = [(scene, [scene]) for scene in scenes] if of_all is None else [(of_all, scenes)]
+            for condition, members in samples:
+                cells = [results[*contender.key, condition_text(scene)] for scene in members]
                 for metric in self.metrics:
-                    found.mean(contender.key, metric, condition, np.hstack([cell[metric] for cell in sample]))
+                    found.mean(contender.key, metric, condition, np.hstack([cell[metric] for cell in cells]))

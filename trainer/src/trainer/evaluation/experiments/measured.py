@@ -102,7 +102,7 @@ class Measured(Experiment):
                 found.add(key, metric, {}, Interval(value, math.nan, math.nan))
 
     def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
-        notes = {}
+        notes = {}  # how many methods find all, where it is known how many there are
         for array in dict.fromkeys(array for _, array in self._spectra):
             near = [row.value for row in found.rows if row.array == array and row.metric.endswith(WITHIN)]
             if near:
@@ -126,7 +126,7 @@ class Measured(Experiment):
                     # Where the number of targets is known the noise is what as many lines leave, if that is more.
                     stated = row_noise(x, measured.noise_power, measured.model_error_db)
                     image = _estimator(method, measured.targets).image(x, line, measured.u, np.maximum(stated, left))
-                    self._spectra[method, name] = _judged(image[0], measured.u, x, line, measured.targets)
+                    self._spectra[method, name] = _judged(measured, elements, measured.u, image[0])
         if measured.frame is not None:
             for method in methods or PICTURED:
                 if method in PICTURED:
@@ -142,8 +142,7 @@ class Measured(Experiment):
                 images, _ = answer.images(measured.frame.range_channel[:1], told)
                 self._pictures[key] = {"image": images[0], "u": u}
                 spectrum = images[0, measured.row]
-            x, line = measured.snapshot[None, elements], measured.line(elements)
-            self._spectra[key] = _judged(spectrum.astype(np.float64), u, x, line, measured.targets)
+            self._spectra[key] = _judged(measured, elements, u, spectrum.astype(np.float64))
 
 
 def fitting_networks(
@@ -249,13 +248,10 @@ class LineFit:
 
 
 def _judged(
-    spectrum: NDArray[np.float64],
-    u: NDArray[np.float64],
-    x: NDArray[np.complex128],
-    line: LineArray,
-    targets: int | None,
+    measured: MeasuredInput, elements: NDArray[np.intp], u: NDArray[np.float64], spectrum: NDArray[np.float64]
 ) -> Values:
     """Spectrum, its lines with their levels below its maximum [dB], and the power that lines there leave [dB]."""
+    x, targets = measured.snapshot[None, elements], measured.targets
     lines = score_peaks(spectrum[None], u, targets or MOST_LINES)[0]
     heights = np.interp(np.nan_to_num(lines), u, spectrum)
     levels = power_to_db((heights / max(spectrum.max(), np.finfo(np.float64).tiny)) ** 2)
@@ -266,7 +262,7 @@ def _judged(
         order = np.argsort(lines)
         lines, levels = lines[order], levels[order]
     seen = lines[np.isfinite(lines)][None]
-    left = line_amplitudes(x, seen, line)[1] if seen.size else x
+    left = line_amplitudes(x, seen, measured.line(elements))[1] if seen.size else x
     left_db = power_to_db(np.sum(np.abs(left) ** 2) / np.sum(np.abs(x) ** 2))
     return {
         "u": np.asarray(u), "spectrum": spectrum.astype(np.float32), "lines": lines,
