@@ -18,7 +18,8 @@ from matplotlib.figure import Figure
 
 from trainer.evaluation.evaluate import open_bench
 from trainer.evaluation.experiments.bench import EvaluationConfig
-from trainer.evaluation.experiments.frames import frame_tasks, ranking, scene_frames
+from trainer.evaluation.experiments.detection import Detection
+from trainer.evaluation.experiments.frames import FrameScores, scene_frames
 from trainer.evaluation.experiments.generalisation import trained_on
 from trainer.metrics.bootstrap import Interval
 from trainer.metrics.ranking import average_precision
@@ -59,8 +60,8 @@ def compare(unseen: Path, runs: Sequence[Path]) -> list[Point]:
         for scene in {ref.scene for ref in refs}:
             if trained_on(bench, contender, scene) != "no":
                 sys.exit(f"{contender.method} may have been trained on scene {scene!r}")
-    results = {task.key: task.compute() for task in frame_tasks(bench)}
-    of_run = {one.method.partition(":")[2]: ranking(results, one.key, refs) for one in bench.contenders}
+    scores = FrameScores({task.key: task.compute() for task in Detection().tasks(bench)}, refs)
+    of_run = {one.method.partition(":")[2]: scores.ranking(one.key) for one in bench.contenders}
     rankings = [of_run[run.resolve().name] for run in runs]
     return [
         Point(*seen_by(run), average_precision(one), average_precision(one, rankings[0]))

@@ -24,7 +24,7 @@ from shared.radar import Radar
 from shared.signal.ego_motion import EgoMotion
 from trainer.data.arrays import choose_array
 from trainer.data.measurements import Measurement
-from trainer.evaluation.experiments.frames import static_world
+from trainer.data.motion import known_world
 from trainer.metrics.bootstrap import Interval, bootstrap_mean
 from trainer.metrics.image import nmse
 from trainer.metrics.ranking import CellScores, Ranking, average_precision, pooled
@@ -96,9 +96,9 @@ def scores(answer: Answer, frames: Sequence[Frame], radar: Radar) -> tuple[list[
     for frame in frames:
         rows, noise = frame.range_channel[0], frame.noise_power
         truth = np.asarray(frame.image, dtype=np.float64) * frame.image_peak
-        seen = answer.image_and_score(rows, noise, static_world(frame, radar))
-        cells.append(answer.score_cells(truth, rows, noise, seen))
-        errors.append(nmse(seen[0], truth))
+        image, found = answer.scored(truth, rows, noise, known_world(vars(frame), radar))
+        cells.append(found)
+        errors.append(nmse(image, truth))
     return cells, np.array(errors)
 
 

@@ -12,11 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from matplotlib.figure import Figure
 from threadpoolctl import threadpool_info
 
 from shared.physics.errors import InputError
-from trainer.evaluation.experiments.bench import Bench, Experiment, Results, Task
+from trainer.evaluation.experiments.bench import Bench, Experiment, Task
 from trainer.evaluation.store import Values
 
 
@@ -45,12 +44,6 @@ class Troubled(Experiment):
             )
             for place, kind in enumerate(self.work)
         ]
-
-    def count(self, bench: Bench, results: Results, found: object) -> None:
-        """None."""
-
-    def figures(self, bench: Bench, results: Results, rows: object) -> dict[str, Figure]:
-        return {}
 
 
 def _report(bench: Bench, _died: Path) -> Values:

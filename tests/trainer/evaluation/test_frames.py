@@ -13,7 +13,7 @@ from shared.dataset import Target
 from trainer.evaluation.experiments.bench import FrameRef
 from trainer.evaluation.experiments.contenders import estimator_contender
 from trainer.evaluation.experiments.doppler import score_peaks
-from trainer.evaluation.experiments.frames import one_of_each_scene, ranking, score_frame, score_truth
+from trainer.evaluation.experiments.frames import FrameScores, one_of_each_scene, score_frame, score_truth
 from trainer.evaluation.report.page import from_bytes, scene_levels, to_bytes
 from trainer.metrics.cells import truth_cells
 from trainer.run.answers import Answer
@@ -25,8 +25,8 @@ class Known(Answer):
 
     function: Any
 
-    def images(self, range_channel, noise_power, model_error_db=None, world=None):
-        return self.function(range_channel, noise_power)
+    def images(self, range_channel, told):
+        return self.function(range_channel, told.noise_power)
 
     def das(self, range_channel):
         raise AssertionError("nothing that is scored here looks at delay and sum")
@@ -46,17 +46,17 @@ def answering(function, **changes):
 def test_the_truth_scores_one_an_empty_image_nothing_and_noise_between():
     made = frame(3, RADAR)
     truth = made.image.astype(np.float64) * made.image_peak
-    perfect = score_frame(known(truth), lambda: made)
+    perfect = score_frame(known(truth), made)
     tp, fp, fn = perfect["strict"][0]
     assert tp > 10
     assert (fp, fn) == (0, 0)
     assert perfect["nmse"] == perfect["scaled_nmse"] == 0.0
     assert perfect["ssim"] == 1.0
-    empty = score_frame(known(np.zeros_like(truth)), lambda: made)
+    empty = score_frame(known(np.zeros_like(truth)), made)
     assert empty["strict"][0].tolist() == [0, 0, tp + fn]
     assert empty["nmse"] == empty["scaled_nmse"] == 1.0
     noise = np.random.default_rng(0).rayleigh(truth.max(), truth.shape)
-    white = score_frame(known(noise), lambda: made)
+    white = score_frame(known(noise), made)
     assert white["strict"][0][1] > fp
     assert 0.5 < white["scaled_nmse"] < 1.0
     assert white["ssim"] < 0.5
@@ -64,23 +64,23 @@ def test_the_truth_scores_one_an_empty_image_nothing_and_noise_between():
 
 def test_an_empty_truth_has_no_image_errors_and_every_detection_is_false():
     made = replace(frame(3, RADAR), image=np.zeros((48, 20), np.float32))
-    scores = score_frame(estimator_contender("das", FULL, RADAR), lambda: made)
+    scores = score_frame(estimator_contender("das", FULL, RADAR), made)
     assert np.isnan([scores[name] for name in ("nmse", "scaled_nmse", "ssim")]).all()
     assert scores["strict"][0][0] == 0
     assert scores["strict"][0][1] > 0
 
 
 def average_precision(contender, made):
-    values = score_frame(contender, lambda: made)
+    values = score_frame(contender, made)
     refs = [FrameRef(Path("p"), 0, 0, "scene", "hall")]
     results = {(*contender.key, refs[0].condition): values}
-    return ranking(results, contender.key, refs).average_precision()
+    return FrameScores(results, refs).ranking(contender.key).average_precision()
 
 
 def test_the_truth_has_all_the_precision_an_empty_image_none_and_delay_and_sum_some():
     made = strong_frame(3)
     truth = made.image.astype(np.float64) * made.image_peak
-    ceiling = score_truth(RADAR, FULL, lambda: made)
+    ceiling = score_truth(RADAR, FULL, made)
     assert len(ceiling["cells_matched"]) == ceiling["cells_true"] > 3
     assert not len(ceiling["cells_false"])
     assert average_precision(known(truth), made) == 1.0
@@ -117,9 +117,9 @@ def test_a_probability_is_read_by_delay_and_sum():
     sure = known(probability, unit="probability of a target")
     assert average_precision(sure, made) == 1.0
     probability[43, 10] = 1.0  # where the truth has nothing
-    assert score_frame(sure, lambda: made)["cells_false"].tolist() == [1.0]
+    assert score_frame(sure, made)["cells_false"].tolist() == [1.0]
     silent = replace(made, range_channel=np.zeros_like(made.range_channel))
-    assert score_frame(sure, lambda: silent)["cells_false"].tolist() == []
+    assert score_frame(sure, silent)["cells_false"].tolist() == []
 
 
 def test_what_moves_is_found_in_its_own_doppler_cell_only():

@@ -13,11 +13,11 @@ from paper_arrays import FAR, deterministic_bound
 from shared.radar import load_radar
 from trainer.data.arrays import ArrayChoice, choose_array
 from trainer.data.simulation import Condition, Trials, simulate
-from trainer.evaluation.experiments.bench import Bench, EvaluationConfig
+from trainer.evaluation.experiments.bench import Bench, EvaluationConfig, Results
 from trainer.evaluation.experiments.contenders import Contender, estimator_contender
 from trainer.evaluation.experiments.resolution import PAIRS, SINGLES, Resolution, locate_targets
 from trainer.evaluation.experiments.robustness import Impairment, channel_factors, displaced
-from trainer.evaluation.report.tables import condition_text
+from trainer.evaluation.report.tables import Numbers, condition_text
 from trainer.metrics.bootstrap import wilson
 from trainer.metrics.peaks import resolved, single_source_bound
 
@@ -115,6 +115,12 @@ def small_bench() -> Bench:
     return Bench("0" * 64, FAR, (), frozenset(), contenders, EvaluationConfig(trials=10))
 
 
+def counted(experiment: Resolution, bench: Bench, results: Results) -> Numbers:
+    numbers = Numbers(experiment.name, 0)
+    experiment.count(bench, results, numbers)
+    return numbers
+
+
 def test_a_resolution_table_has_every_cell_once() -> None:
     experiment, bench = Resolution(), small_bench()
     tasks = experiment.tasks(bench)
@@ -126,7 +132,7 @@ def test_a_resolution_table_has_every_cell_once() -> None:
             values = results[method, array, condition]
             # Who finds nothing resolves nothing.
             results[method, array, condition] = {**values, "found": np.full_like(values["found"], np.nan)}
-    rows = [row for row in experiment.rows(bench, results) if row.metric == "probability of resolution"]
+    rows = [row for row in counted(experiment, bench, results).rows if row.metric == "probability of resolution"]
     whole = [row for row in rows if "phase" not in row.condition]
     assert len({(row.method, row.array, str(row.condition)) for row in whole}) == len(whole) == 2 * 2 * len(PAIRS)
     assert all(row.value == 0.0 for row in rows if row.method == "ml")
@@ -140,22 +146,20 @@ def test_a_known_error_reads_as_what_it_is() -> None:
                           "phase_rad": np.zeros(50)} for task in experiment.tasks(bench)}  # fmt: skip
     found = true + 0.01
     found[7] = np.nan
-    results["das", "sparse6", str(single)] = {"found": found, "u": true, "phase_rad": np.zeros(50)}
+    text = condition_text(single.named)
+    results["das", "sparse6", text] = {"found": found, "u": true, "phase_rad": np.zeros(50)}
     nothing = {"found": np.full_like(true, np.nan), "u": true, "phase_rad": np.zeros(50)}
-    results["das", "sparse4", str(single)] = nothing
-    rows = {
-        (row.method, row.array, row.metric, condition_text(row.condition)): row
-        for row in experiment.rows(bench, results)
-    }
-    bias = rows["das", "sparse6", "bias [bins]", str(single)]
+    results["das", "sparse4", text] = nothing
+    numbers = counted(experiment, bench, results)
+    bias = numbers.row(("das", "sparse6"), "bias [bins]", single.named)
     assert bias.value == pytest.approx(0.01 / FAR.grid.step)
     assert bias.samples == 49
-    ratio = rows["das", "sparse6", "RMSE over bound", str(single)]
+    ratio = numbers.row(("das", "sparse6"), "RMSE over bound", single.named)
     line = bench.contenders[0].answer.line
     assert ratio.value == pytest.approx(0.01 / math.sqrt(single_source_bound(line, 100.0)))
     # Where nothing was found there is no error.
     for metric in ("bias [bins]", "RMSE over bound"):
-        none = rows["das", "sparse4", metric, str(single)]
+        none = numbers.row(("das", "sparse4"), metric, single.named)
         assert math.isnan(none.value)
         assert none.samples == 0
 

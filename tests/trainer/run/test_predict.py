@@ -24,7 +24,7 @@ from shared.signal.ego_motion import EgoMotion, StaticWorld
 from shared.signal.features import adaptive_features, row_features, snapshot_features, steering_weights
 from trainer.cli.app import app
 from trainer.data.measurements import Measurement, open_measurements
-from trainer.run.answers import network_answer
+from trainer.run.answers import Told, network_answer
 from trainer.run.detection_files import records
 from trainer.run.export import export
 from trainer.run.folder import load_imager
@@ -186,7 +186,7 @@ def test_a_row_that_stands_in_several_images_is_computed_once(tmp_path, monkeypa
     monkeypatch.setattr(answer.imager, "features", counted)
     found = answer.peaks(measurement)
     world = None if motion is None else StaticWorld(motion, velocity, answer.radar)
-    expected = answer.images(snapshots, NOISE_POWER, world=world)
+    expected = answer.images(snapshots, Told(NOISE_POWER, world=world))
     assert computed == [(1, (~again).sum()), (5, 24)]
     for one, other in zip(found, expected, strict=True):
         if one is None or other is None:

@@ -113,7 +113,7 @@ def test_delay_and_sum_as_a_network_scores_as_delay_and_sum_and_its_gain_multipl
 
 def test_the_average_precision_is_that_of_evaluate(tmp_path):
     data, run = strong_dataset(tmp_path / "data"), make_run(tmp_path / "run")
-    values = score_frame(estimator_contender("das", FULL, RADAR), lambda: strong_frame(200))
+    values = score_frame(estimator_contender("das", FULL, RADAR), strong_frame(200))
     cells = CellScores(values["cells_matched"], values["cells_false"], int(values["cells_true"]))
     expected = pooled([cells]).average_precision()
     assert verdict_of(run, [data]).average_precision["das"] == pytest.approx(expected, abs=1e-3)
@@ -213,10 +213,10 @@ def test_all_channels_are_asked_for_what_the_networks_channels_can_see(tmp_path)
     data, run = strong_dataset(tmp_path / "data", tested=2), make_run(tmp_path / "run", array=THIN)
     found = verdict_of(run, [data])
     full = array_answer(VIEWS[-1], FULL, RADAR)
-    cells = []
-    for made in (strong_frame(200), strong_frame(201)):
-        seen = full.image_and_score(made.range_channel[0], made.noise_power)
-        cells.append(full.score_cells(level(made), made.range_channel[0], made.noise_power, seen, len(THIN.rx)))
+    cells = [
+        full.scored(level(made), made.range_channel[0], made.noise_power, None, len(THIN.rx))[1]
+        for made in (strong_frame(200), strong_frame(201))
+    ]
     assert found.average_precision["full"] == pytest.approx(pooled(cells).average_precision(), abs=1e-3)
     assert found.nmse["full"] < found.nmse[VIEWS[-1]]
 

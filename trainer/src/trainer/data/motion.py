@@ -73,10 +73,10 @@ def read_motion(cube: Path, frames: int) -> list[EgoMotion] | None:
 def known_world(frame: Mapping[str, Any], radar: Radar) -> StaticWorld:
     """What the sensor's motion says of the rows [R] of a frame of a dataset at their strongest Doppler peaks.
 
-    :param frame: of :class:`trainer.data.shards.ShardDataset`, its arrays or tensors by name, the velocity among them
+    :param frame: its arrays or tensors by name, the velocity among them
     """
-    motion = EgoMotion.of_pose(frame["sensor_velocity"].tolist(), frame["sensor_orientation"].tolist())
-    return StaticWorld(motion, np.asarray(frame["velocity"][0]), radar)
+    velocity, orientation = (np.asarray(frame[f"sensor_{name}"]).tolist() for name in ("velocity", "orientation"))
+    return StaticWorld(EgoMotion.of_pose(velocity, orientation), np.asarray(frame["velocity"][0]), radar)
 
 
 def seen_motion(

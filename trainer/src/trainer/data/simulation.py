@@ -127,9 +127,6 @@ class Condition:
         phase = {} if self.phase_rad is None else {"phase": f"{np.rad2deg(self.phase_rad):g} deg"}
         return {"separation": f"{self.separation_cells:g} RL", **single, "ratio": f"{self.ratio_db:g} dB", **phase}
 
-    def __str__(self) -> str:
-        return ",".join(f"{name}={value}" for name, value in self.named.items())
-
 
 @dataclass(frozen=True, eq=False)
 class Trials:

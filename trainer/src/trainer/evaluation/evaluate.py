@@ -9,13 +9,11 @@ OUT/report.html       everything, in one file
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
 
 from shared.dataset.folder import MANIFEST, open_dataset
@@ -31,19 +29,14 @@ from trainer.evaluation.experiments.bench import (
     Bench,
     EvaluationConfig,
     Experiment,
-    FrameRef,
-    Numbers,
     Results,
-    Task,
-    known,
-    task_of,
 )
-from trainer.evaluation.experiments.contenders import NETWORKS, Contender, check_methods, gather
+from trainer.evaluation.experiments.contenders import NETWORKS, check_methods, gather
 from trainer.evaluation.experiments.cylinders import PointSpread, Reflectors
 from trainer.evaluation.experiments.detection import Detection
 from trainer.evaluation.experiments.doppler import Doppler
-from trainer.evaluation.experiments.frames import frame_refs, load_frame
-from trainer.evaluation.experiments.generalisation import SECONDS, Generalisation, Tradeoff
+from trainer.evaluation.experiments.frames import frame_refs
+from trainer.evaluation.experiments.generalisation import Generalisation, Runtime, Tradeoff
 from trainer.evaluation.experiments.measured import METHODS, Measured, fitting_networks
 from trainer.evaluation.experiments.measured import NAME as MEASURED
 from trainer.evaluation.experiments.measured_input import MeasuredInput, with_arrays
@@ -53,9 +46,9 @@ from trainer.evaluation.experiments.robustness import Robustness
 from trainer.evaluation.experiments.street import Street, report_frames
 from trainer.evaluation.report.figures import save_figure
 from trainer.evaluation.report.page import ReportFigure, report_page
-from trainer.evaluation.report.tables import MetricRow, metrics_table, summary, write_table
+from trainer.evaluation.report.tables import MetricRow, Numbers, metrics_table, summary, write_table
 from trainer.evaluation.store import CellStore, Values, cell_name
-from trainer.evaluation.workers import Workers, alone
+from trainer.evaluation.workers import Workers
 from trainer.run.answers import Answer, NetworkAnswer
 from trainer.run.folder import JOB, Fingerprint, output_folder, scene_records
 from trainer.run.imager import precision_remark
@@ -72,9 +65,7 @@ NAMES = (*EXPERIMENTS, MEASURED)
 SUMMARY_COLUMNS = [(name, column) for name, experiment in EXPERIMENTS.items() for column in experiment.summary]
 CELLS, FIGURES = "cells", "figures"
 REPORT, SUMMARY = "report.html", "summary.md"
-RUNTIME = "runtime"
-RUNTIME_REPEATS = 3
-"""Runs for one image after a first one, of which the shortest counts: what else a machine does only adds."""
+RUNTIME = Runtime()
 
 Progress = Callable[[str, int, int], None]
 """(what is computed, cells done, cells in all)."""
@@ -112,7 +103,9 @@ def evaluate(
         for line in remarks:
             announce(line)
         if bench.frames:
-            bench = replace(bench, seconds=_seconds(bench, store, advance))
+            # Before there are other processes, which would take the machine's time.
+            timed = _compute(RUNTIME, bench, store, Workers(bench, 1, folder), partial(advance, RUNTIME.name))
+            bench = replace(bench, seconds={key[:2]: float(values["seconds"]) for key, values in timed.items()})
         rows: list[MetricRow] = []
         figures: list[ReportFigure] = []
         texts: dict[str, str] = {}
@@ -121,20 +114,18 @@ def evaluate(
         with Workers(bench, workers, folder) as pool:
             street = EXPERIMENTS[Street.name]
             shown = _compute(street, bench, store, pool, partial(advance, "images")) if bench.frames else {}
-            for experiment in chosen:
+            for experiment in (*chosen, RUNTIME):
                 results = _compute(experiment, bench, store, pool, partial(advance, experiment.name))
-                found = experiment.rows(bench, results)
+                found = Numbers(experiment.name, config.seed)
+                experiment.count(bench, results, found)
                 for name, figure in experiment.figures(bench, results, found).items():
                     png = save_figure(figure, out / FIGURES, name)
                     figures.append(ReportFigure(experiment.title, experiment.caption, png))
                     written |= {f"{name}.png", f"{name}.svg"}
-                rows += found
+                rows += found.rows
                 texts |= experiment.texts()
-        runtimes = Numbers(RUNTIME, config.seed)
-        for contender in bench.contenders:
-            runtimes.add(contender.key, SECONDS, {}, known(bench.seconds[contender.key]))
         parameters = {contender.key: contender.parameters for contender in bench.contenders}
-        table = metrics_table([*rows, *runtimes.rows], bench.seconds, parameters)
+        table = metrics_table(rows, bench.seconds, parameters)
         write_table(table, out)
         if bench.frames:
             texts = {SUMMARY: summary(table, SUMMARY_COLUMNS), **texts}
@@ -269,7 +260,7 @@ def _compute(
 ) -> Results:
     """The cells of an experiment in the order of its tasks; those not yet on disk are computed and kept one by one."""
     tasks = experiment.tasks(bench)
-    cells = [_cell(experiment.cells or experiment.name, task) for task in tasks]
+    cells = [cell_name(experiment.cells or experiment.name, *task.key, task.inputs) for task in tasks]
     values: dict[int, Values] = {}
     for place, cell in enumerate(cells):
         if (found := store.finished(cell)) is not None:
@@ -280,37 +271,3 @@ def _compute(
         values[place] = store.keep(cells[place], computed)
         advance(len(values), len(tasks))
     return {task.key: values[place] for place, task in enumerate(tasks)}
-
-
-def _cell(family: str, task: Task) -> str:
-    return cell_name(family, *task.key, task.inputs)
-
-
-def _seconds(bench: Bench, store: CellStore, advance: Progress) -> dict[tuple[str, str], float]:
-    """Seconds for one image of each contender, one thread: the first test frame, whole."""
-    ref = bench.frames[0]
-    tasks = [
-        task_of(bench, contender, ref.condition, bench.data_sha256, partial(_time, contender, ref))
-        for contender in bench.contenders
-    ]
-    seconds = {}
-    for done, task in enumerate(tasks):
-        advance(RUNTIME, done, len(tasks))
-        cell = _cell(RUNTIME, task)
-        values = store.finished(cell)
-        if values is None:
-            values = store.keep(cell, alone(task))
-        seconds[task.method, task.array] = float(values["seconds"])
-    advance(RUNTIME, len(tasks), len(tasks))
-    return seconds
-
-
-def _time(contender: Contender, ref: FrameRef) -> Values:
-    frame = load_frame(ref)
-    contender.answer.image(frame.range_channel[0], frame.noise_power)
-    seconds = []
-    for _ in range(RUNTIME_REPEATS):
-        start = time.perf_counter()
-        contender.answer.image(frame.range_channel[0], frame.noise_power)
-        seconds.append(time.perf_counter() - start)
-    return {"seconds": np.asarray(min(seconds))}

@@ -33,6 +33,24 @@ Images = tuple[NDArray[np.floating], NDArray[np.float32] | None]
 
 
 @dataclass(frozen=True, eq=False)
+class Told:
+    """What a method is told beside the channels.
+
+    :param noise_power: of a channel and cell [W]
+    :param model_error_db: power of a row that no plane wave explains, of the row's [dB]
+    :param world: what the sensor's motion says of these rows, [B, R] of them, for methods that use it
+    """
+
+    noise_power: float
+    model_error_db: float = NO_MODEL_ERROR_DB
+    world: StaticWorld | None = None
+
+    def __getitem__(self, rows: int | NDArray[np.bool_] | None) -> Told:
+        """Of some of the rows."""
+        return self if self.world is None else replace(self, world=self.world[rows])
+
+
+@dataclass(frozen=True, eq=False)
 class Answer(ABC):
     """A method that images range-channel matrices of one radar.
 
@@ -56,17 +74,8 @@ class Answer(ABC):
     detects: bool
 
     @abstractmethod
-    def images(
-        self,
-        range_channel: NDArray[np.complexfloating],
-        noise_power: float,
-        model_error_db: float = NO_MODEL_ERROR_DB,
-        world: StaticWorld | None = None,
-    ) -> Images:
-        """Of matrices [B, R, C] of all the radar's channels [sqrt(W)], each with this noise in a channel [W].
-
-        :param world: what the sensor's motion says of these [B, R] rows, for methods that use it
-        """
+    def images(self, range_channel: NDArray[np.complexfloating], told: Told) -> Images:
+        """Of matrices [B, R, C] of all the radar's channels [sqrt(W)]."""
 
     @abstractmethod
     def das(self, range_channel: NDArray[np.complexfloating]) -> NDArray[np.floating]:
@@ -83,13 +92,13 @@ class Answer(ABC):
         The strongest peaks of all range bins first, then the second strongest and so on, the strongest again where
         there is none.
         """
-        world = self._world(measurement)
-        return self.images(measurement.range_channel, measurement.noise_power, measurement.model_error_db, world)
+        return self.images(measurement.range_channel, self._told(measurement))
 
-    def _world(self, measurement: Measurement) -> StaticWorld | None:
+    def _told(self, measurement: Measurement) -> Told:
         """What is known of the frame's rows [D, R]."""
         motion = measurement.motion
-        return None if motion is None else StaticWorld(motion, measurement.velocity, self.radar)
+        world = None if motion is None else StaticWorld(motion, measurement.velocity, self.radar)
+        return Told(measurement.noise_power, measurement.model_error_db, world)
 
     def seen_motion(self, measurement: Measurement) -> EgoMotion | None:
         """The sensor's motion as these channels see it in the frame, which seeds what is drawn."""
@@ -105,7 +114,7 @@ class Answer(ABC):
 
     def image(self, range_channel: NDArray[np.complexfloating], noise_power: float) -> NDArray[np.float64]:
         """[R, U] of one matrix [R, C]."""
-        return np.asarray(self.images(range_channel[None], noise_power)[0][0], dtype=np.float64)
+        return np.asarray(self.images(range_channel[None], Told(noise_power))[0][0], dtype=np.float64)
 
     def image_and_score(
         self, range_channel: NDArray[np.complexfloating], noise_power: float, world: StaticWorld | None = None
@@ -114,8 +123,8 @@ class Answer(ABC):
 
         Where a network says where targets are it is image times the root of that probability, elsewhere the image.
         """
-        one = None if world is None else world[None]
-        images, probability = self.images(range_channel[None], noise_power, world=one)
+        told = Told(noise_power, world=None if world is None else world[None])
+        images, probability = self.images(range_channel[None], told)
         score = images * np.sqrt(probability) if self.detects and probability is not None else images
         return np.asarray(images[0], dtype=np.float64), np.asarray(score[0], dtype=np.float64)
 
@@ -135,26 +144,25 @@ class Answer(ABC):
             return self.image_and_score(range_channel, noise_power)[1][rows]
         return self.image_rows(range_channel, noise_power, rows)
 
-    def score_cells(
+    def scored(
         self,
         truth: NDArray[np.floating],
         range_channel: NDArray[np.complexfloating],
         noise_power: float,
-        seen: tuple[NDArray[np.floating], NDArray[np.floating]],
+        world: StaticWorld | None,
         channels: int | None = None,
-    ) -> CellScores:
-        """What became of the detections of a frame.
+    ) -> tuple[NDArray[np.float64], CellScores]:
+        """([R, U] image of a frame's matrix, what became of its detections).
 
         :param truth: [R, U] magnitude [sqrt(W)]
         :param range_channel: [R, C] of all channels
-        :param seen: of :meth:`image_and_score`
         :param channels: how many should find the truth's cells; its own by default
         """
-        image, score = seen
+        image, score = self.image_and_score(range_channel, noise_power, world)
         chosen = range_channel[:, self.channels]
         level = level_image(image, self.unit, chosen, self.line, self.radar.grid.u, noise_power)
         step = self.radar.waveform.range_step_m
-        return score_cells(truth, level, noise_power, channels or len(self.channels), step, score)
+        return image, score_cells(truth, level, noise_power, channels or len(self.channels), step, score)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,12 +176,7 @@ class NetworkAnswer(Answer):
         return self.imager.config.told > 0
 
     def images(
-        self,
-        range_channel: NDArray[np.complexfloating],
-        noise_power: float,
-        model_error_db: float = NO_MODEL_ERROR_DB,
-        world: StaticWorld | None = None,
-        place: NDArray[np.intp] | None = None,
+        self, range_channel: NDArray[np.complexfloating], told: Told, place: NDArray[np.intp] | None = None
     ) -> Images:
         """See :meth:`Answer.images`.
 
@@ -182,22 +185,20 @@ class NetworkAnswer(Answer):
         with torch.inference_mode():
             snapshots = self._tensor(range_channel)
             device = snapshots.device
-            noise = torch.full((len(snapshots),), noise_power, dtype=torch.float64, device=device)
+            noise = torch.full((len(snapshots),), told.noise_power, dtype=torch.float64, device=device)
             prior = None
-            if world is not None and self.uses_motion:
-                weights = world.prior(scanned_angles(self.radar)).astype(np.float32)
+            if told.world is not None and self.uses_motion:
+                weights = told.world.prior(scanned_angles(self.radar)).astype(np.float32)
                 prior = torch.from_numpy(weights).to(device)
             stands = None if place is None else torch.from_numpy(place).to(device)
-            images, probability = self.imager.detect(snapshots, noise, model_error_db, prior, stands)
+            images, probability = self.imager.detect(snapshots, noise, told.model_error_db, prior, stands)
             return images.cpu().numpy(), None if probability is None else probability.float().cpu().numpy()
 
     def peaks(self, measurement: Measurement) -> Images:
         """A peak that repeats an earlier one of its range bin has the strongest's row, which is computed once."""
         new = new_peaks(measurement.velocity)
-        rows, world = measurement.range_channel[new], self._world(measurement)
         place = np.where(new, np.cumsum(new).reshape(new.shape) - 1, np.arange(new.shape[1]))
-        known = None if world is None else world[new][None]
-        return self.images(rows[None], measurement.noise_power, measurement.model_error_db, known, place)
+        return self.images(measurement.range_channel[new][None], self._told(measurement)[new][None], place)
 
     def das(self, range_channel: NDArray[np.complexfloating]) -> NDArray[np.floating]:
         with torch.inference_mode():
@@ -217,53 +218,37 @@ class EstimatorAnswer(Answer):
     def uses_motion(self) -> bool:
         return isinstance(self.estimator, VirtualView) and self.estimator.told
 
-    def images(
-        self,
-        range_channel: NDArray[np.complexfloating],
-        noise_power: float,
-        model_error_db: float = NO_MODEL_ERROR_DB,
-        world: StaticWorld | None = None,
-    ) -> Images:
-        noise = noise_power, model_error_db
-        worlds = [None if world is None else world[index] for index in range(len(range_channel))]
-        rows = (matrix[:, self.channels] for matrix in range_channel)
-        found = [
-            self._rows(self.estimator, one, self.line, noise, known) for one, known in zip(rows, worlds, strict=True)
-        ]
-        return np.stack(found), None
+    def images(self, range_channel: NDArray[np.complexfloating], told: Told) -> Images:
+        rows = [matrix[:, self.channels] for matrix in range_channel]
+        return np.stack([self._rows(one, self.line, told[index]) for index, one in enumerate(rows)]), None
 
-    def _rows(
-        self,
-        estimator: Estimator,
-        rows: NDArray[np.complexfloating],
-        line: LineArray,
-        noise: tuple[float, float],
-        world: StaticWorld | None,
-    ) -> NDArray[np.float64]:
-        """[n, U] of rows [n, C] in noise of this power and model error."""
-        power, model_error_db = noise
-        told = row_noise(rows, power, model_error_db) if model_error_db > NO_MODEL_ERROR_DB else power
-        if world is not None and isinstance(estimator, VirtualView):
-            return estimator.image(rows, line, self.radar.grid.u, told, world.prior)
-        return estimator.image(rows, line, self.radar.grid.u, told)
+    def _rows(self, rows: NDArray[np.complexfloating], line: LineArray, told: Told) -> NDArray[np.float64]:
+        """[n, U] of rows [n, C]."""
+        error_db, estimator, u = told.model_error_db, self.estimator, self.radar.grid.u
+        noise = row_noise(rows, told.noise_power, error_db) if error_db > NO_MODEL_ERROR_DB else told.noise_power
+        if told.world is not None and isinstance(estimator, VirtualView):
+            return estimator.image(rows, line, u, noise, told.world.prior)
+        return estimator.image(rows, line, u, noise)
+
+    @property
+    def _by_das(self) -> EstimatorAnswer:
+        return replace(self, estimator=DelayAndSum())
 
     def das(self, range_channel: NDArray[np.complexfloating]) -> NDArray[np.floating]:
-        return replace(self, estimator=DelayAndSum()).images(range_channel, 0.0)[0]
+        return self._by_das.images(range_channel, Told(0.0))[0]
 
     def peaks(self, measurement: Measurement) -> Images:
         """A peak that repeats an earlier one of its range bin is zero; the maximum over the peaks is the same."""
-        return self._images(self.estimator, measurement).astype(np.float32), None
+        return self._images(measurement).astype(np.float32), None
 
     def baseline(self, measurement: Measurement) -> NDArray[np.floating]:
-        return np.asarray(self._images(DelayAndSum(), measurement).max(axis=0))
+        return np.asarray(self._by_das._images(measurement).max(axis=0))
 
-    def _images(self, estimator: Estimator, measurement: Measurement) -> NDArray[np.float64]:
+    def _images(self, measurement: Measurement) -> NDArray[np.float64]:
         new = new_peaks(measurement.velocity)
         rows, line = self._elements(np.asarray(measurement.range_channel)[new])
-        noise = measurement.noise_power, measurement.model_error_db
-        world = self._world(measurement)
         images = np.zeros((*new.shape, self.radar.grid.bins))
-        images[new] = self._rows(estimator, rows, line, noise, None if world is None else world[new])
+        images[new] = self._rows(rows, line, self._told(measurement)[new])
         return images
 
     def _elements(self, rows: NDArray[np.complexfloating]) -> tuple[NDArray[np.complexfloating], LineArray]:

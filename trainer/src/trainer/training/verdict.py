@@ -242,11 +242,10 @@ def _scored(name: str, answers: Mapping[str, Answer], frame: Mapping[str, NDArra
     images: dict[str, Image] = {}
     errors: dict[str, float] = {}
     for method, answer in answers.items():
-        seen = answer.image_and_score(range_channel, noise, world)
-        cells[method] = answer.score_cells(truth, range_channel, noise, seen, channels)
+        image, cells[method] = answer.scored(truth, range_channel, noise, world, channels)
         # Amplitudes relative to the truth's peak, as the truth is; as they are where the truth is zero.
         scale = np.float32(peak or 1.0) if answer.unit == AMPLITUDE else np.float32(1.0)
-        images[method] = seen[0].astype(np.float32) / scale
+        images[method] = image.astype(np.float32) / scale
         if truth.any() and answer.unit != PROBABILITY:
             error = nmse if method in (NETWORK, START) else nmse_best_scaled
             errors[method] = error(images[method], frame["image"])

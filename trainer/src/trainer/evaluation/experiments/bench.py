@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field
 
 from shared.dataset.locations import Location
@@ -20,9 +19,8 @@ from shared.processes.defaults import LARGEST_SEED
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.report.tables import TRUTH, Condition, MetricRow, SummaryColumn, condition_text
+from trainer.evaluation.report.tables import TRUTH, Condition, Numbers, SummaryColumn, condition_text
 from trainer.evaluation.store import Values, digest
-from trainer.metrics.bootstrap import UNDEFINED, Interval, bootstrap_mean, bootstrap_ratio, wilson
 from trainer.run.folder import SceneRecord
 
 KEPT = 2
@@ -73,8 +71,12 @@ class FrameRef:
     scene: str
 
     @property
+    def named(self) -> Condition:
+        return {"frame": self.frame_id}
+
+    @property
     def condition(self) -> str:
-        return f"frame={self.frame_id}"
+        return condition_text(self.named)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,85 +129,11 @@ class Task:
         return self.method, self.array, self.condition
 
 
-def task_of(
-    bench: Bench,
-    contender: Contender | None,
-    condition: str,
-    inputs: object,
-    compute: Callable[[], Values],
-    array: str = "",
-) -> Task:
-    """A task whose cell depends on the radar, the contender and ``inputs``, of plain JSON types.
-
-    :param contender: None for what belongs to none, the truth
-    :param array: of the truth's task, if it belongs to one
-    """
-    radar = bench.radar.model_dump(mode="json")
-    if contender is None:
-        return Task(TRUTH, array, condition, digest([radar, inputs]), compute)
-    return Task(*contender.key, condition, digest([contender.inputs, radar, inputs]), compute, contender.device)
-
-
 Results = Mapping[tuple[str, str, str], Values]
 """The filled cells of one experiment by (method, array, condition)."""
 
 
-class Numbers:
-    """The rows of the metrics table that an experiment finds.
-
-    :param experiment: its name
-    :param seed: of the bootstrap
-    :ivar rows: in the order in which they were found
-    """
-
-    def __init__(self, experiment: str, seed: int) -> None:
-        self.rows: list[MetricRow] = []
-        self._experiment, self._seed = experiment, seed
-
-    def add(self, key: tuple[str, str], metric: str, condition: Condition, found: Interval, samples: int = 1) -> None:
-        """A number whose interval is known.
-
-        :param key: (method, array)
-        :param samples: what it is a mean of
-        """
-        value, low, high = found.value, found.low, found.high
-        self.rows.append(MetricRow(self._experiment, *key, metric, condition, value, low, high, samples))
-
-    def mean(self, contender: Contender, metric: str, condition: Condition, samples: ArrayLike) -> None:
-        """The mean of samples with its bootstrap interval.
-
-        Samples that are not finite (a metric that is not defined) do not count; the row says how many did.
-        """
-        values = np.asarray(samples, dtype=np.float64)
-        values = values[np.isfinite(values)]
-        found = bootstrap_mean(values, self._seed) if len(values) else UNDEFINED
-        self.add(contender.key, metric, condition, found, len(values))
-
-    def ratio(
-        self, contender: Contender, metric: str, condition: Condition, parts: ArrayLike, wholes: ArrayLike
-    ) -> None:
-        """A ratio of sums over frames with its bootstrap interval over the frames; NaN where the whole is nothing."""
-        part, whole = np.asarray(parts, dtype=np.float64), np.asarray(wholes, dtype=np.float64)
-        found = bootstrap_ratio(part, whole, self._seed) if whole.sum() > 0 else UNDEFINED
-        self.add(contender.key, metric, condition, found, len(whole))
-
-    def share(self, contender: Contender, metric: str, condition: Condition, successes: ArrayLike) -> None:
-        """A share of trials with its Wilson interval, which keeps a width where all trials end alike."""
-        outcomes = np.asarray(successes, dtype=bool)
-        self.add(contender.key, metric, condition, wilson(int(outcomes.sum()), len(outcomes)), len(outcomes))
-
-
-def values_of(rows: Sequence[MetricRow]) -> dict[tuple[str, str, str, str], float]:
-    """The numbers by (method, array, metric, condition as text)."""
-    return {(row.method, row.array, row.metric, condition_text(row.condition)): row.value for row in rows}
-
-
-def known(value: float) -> Interval:
-    """Of a number that is not estimated."""
-    return Interval(value, value, value)
-
-
-class Experiment(ABC):
+class Experiment:
     """One question, its cells, its numbers and its figure.
 
     :cvar name: as ``--experiments`` takes it
@@ -226,39 +154,37 @@ class Experiment(ABC):
         """Why the experiment does not apply to what is given; None where it does."""
         return None
 
-    @abstractmethod
     def tasks(self, bench: Bench) -> Sequence[Task]:
         """The cells that the experiment needs, in an order that the bench alone decides; those that share a frame or a
         simulated scene follow each other."""
+        return ()
 
-    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
-        """The numbers."""
-        found = Numbers(self.name, bench.config.seed)
-        self.count(bench, results, found)
-        return found.rows
-
-    @abstractmethod
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         """Put the numbers into ``found``."""
 
-    @abstractmethod
-    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
+    def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
         """The figures by the name of their files.
 
-        :param rows: of :meth:`rows`
+        :param found: after :meth:`count`
         """
+        return {}
 
     def texts(self) -> dict[str, str]:
         """What is written beside the figures, by the name of its file."""
         return {}
 
 
-class Simulated(Experiment):
-    """Every contender on the same simulated scenes: a cell is what one of them makes of one scene."""
+class SceneByScene(Experiment, ABC):
+    """Every contender on the same scenes, simulated ones or frames: a cell is what one of them makes of one scene.
+
+    :cvar metrics: what is counted, one figure for each trial of a scene, by its name in cells and table
+    """
+
+    metrics: tuple[str, ...] = ()
 
     @abstractmethod
-    def conditions(self, bench: Bench) -> Sequence[str]:
-        """The scenes, as text that tells them apart."""
+    def conditions(self, bench: Bench) -> Sequence[Condition]:
+        """The scenes, by what tells them apart."""
 
     @abstractmethod
     def scene(self, bench: Bench, place: int) -> Any:
@@ -266,14 +192,18 @@ class Simulated(Experiment):
 
     @abstractmethod
     def score(self, bench: Bench, contender: Contender, place: int, scene: Any) -> Values:
-        """The cell of a contender."""
+        """The cell of a contender, :attr:`metrics` among it."""
 
     def entrants(self, bench: Bench) -> tuple[Contender, ...]:
         """Who takes part."""
         return bench.contenders
 
-    def inputs(self, bench: Bench) -> list[int]:
-        """What a cell depends on besides contender, radar and condition."""
+    def truths(self, bench: Bench, place: int) -> Mapping[str, Callable[[Any], Values]]:
+        """Of a scene the cells that belong to no contender but to the truth, by array, if they belong to one."""
+        return {}
+
+    def inputs(self, bench: Bench) -> object:
+        """What a cell depends on besides contender, radar and condition; of plain JSON types."""
         return [bench.config.seed]
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
@@ -282,8 +212,31 @@ class Simulated(Experiment):
         def cell(contender: Contender, place: int) -> Values:
             return self.score(bench, contender, place, kept(place))
 
-        return [
-            task_of(bench, contender, condition, self.inputs(bench), partial(cell, contender, place))
-            for place, condition in enumerate(self.conditions(bench))
-            for contender in self.entrants(bench)
-        ]
+        def true(compute: Callable[[Any], Values], place: int) -> Values:
+            return compute(kept(place))
+
+        tasks = []
+        given = [bench.radar.model_dump(mode="json"), self.inputs(bench)]
+        for place, condition in enumerate(map(condition_text, self.conditions(bench))):
+            for contender in self.entrants(bench):
+                inputs, compute = digest([*given, contender.inputs]), partial(cell, contender, place)
+                tasks.append(Task(*contender.key, condition, inputs, compute, contender.device))
+            for array, scored in self.truths(bench, place).items():
+                rx = [list(one.rx) for one in bench.arrays if one.name == array]
+                tasks.append(Task(TRUTH, array, condition, digest([*given, rx]), partial(true, scored, place)))
+        return tasks
+
+    def pooled(self, contender: Contender) -> Condition | None:
+        """Under what the trials of all scenes count as one sample; None where every scene has a number of its own."""
+        return None
+
+    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
+        """Mean or share of each metric."""
+        scenes = self.conditions(bench)
+        for contender in self.entrants(bench):
+            of_all = self.pooled(contender)
+            samples = [(scene, [scene]) for scene in scenes] if of_all is None else [(of_all, scenes)]
+            for condition, members in samples:
+                cells = [results[*contender.key, condition_text(scene)] for scene in members]
+                for metric in self.metrics:
+                    found.mean(contender.key, metric, condition, np.hstack([cell[metric] for cell in cells]))

@@ -9,9 +9,9 @@ full array, lambda / (span + spacing) = 0.041 in u.
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -21,16 +21,19 @@ from shared.radar import Radar
 from shared.signal import target_amplitudes
 from shared.signal.windows import cell_noise_power
 from trainer.data.simulation import close_up, in_plane, out_of_sight, resolution_cell, snapshot, truth_image
-from trainer.evaluation.experiments.bench import Bench, Numbers, Results, Simulated, Task, task_of
+from trainer.evaluation.experiments.bench import Bench, Results, SceneByScene
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.figures import image_panels
 from trainer.evaluation.report.page import REPORT_SPAN_DB, own_levels
-from trainer.evaluation.report.tables import TRUTH, MetricRow
+from trainer.evaluation.report.tables import PROBABILITY_OF_RESOLUTION, TRUTH, Condition, Numbers, condition_text
 from trainer.evaluation.store import Values
 from trainer.metrics.peaks import point_spread, resolved, strongest_peaks
 
 RANGE_M = 5.7
 RCS_DBSM = 0.0
+AT_RANGE: Condition = {"range": f"{RANGE_M:g} m"}
+PAIR: Condition = {**AT_RANGE, "separation": "1 RL"}
+"""What the numbers of one cylinder and of two are of."""
 SHOWN_U = 0.1
 ANGLES = (-0.6, -0.45, -0.3, -0.15, 0.0, SHOWN_U, 0.25, 0.4, 0.55)
 """u = sin(azimuth) of a single cylinder, one simulation each."""
@@ -42,18 +45,18 @@ MOST_REALISATIONS = 24
 
 Echoes = tuple[NDArray[np.float64], NDArray[np.complex128]]
 """([K, 3] positions [m], [K] amplitudes [sqrt(W)])."""
-Notes = dict[tuple[str, str], str]
-"""Text in the panels of a figure, by (method, array)."""
 
 
-class Cylinders(Simulated):
+class Cylinders(SceneByScene):
     """What contenders image around the cylinders, beside what the virtual sensor sees of one of the scenes.
 
+    :cvar of_all: the condition of the numbers, which are over all scenes
     :cvar stream: of the receiver noise
     :cvar shown: place of the scene in the figure
     :cvar reach: u shown beside the cylinders
     """
 
+    of_all: Condition
     stream: int
     shown: int
     reach: float
@@ -70,8 +73,15 @@ class Cylinders(Simulated):
         """[K] u of the cylinders in the figure, rising."""
 
     @abstractmethod
-    def notes(self, rows: Sequence[MetricRow]) -> Notes:
-        """What the panels say of the numbers."""
+    def judged(self, radar: Radar, place: int, cut: NDArray[np.float64]) -> Values:
+        """The figures of a scene by the range bin of its cylinders [U]."""
+
+    @abstractmethod
+    def note(self, found: Numbers, key: tuple[str, str]) -> str:
+        """What the panel of a (method, array) says of its numbers."""
+
+    def pooled(self, contender: Contender) -> Condition:
+        return self.of_all
 
     def scene(self, bench: Bench, place: int) -> NDArray[np.complex64]:
         """[R, C] range-channel matrix with receiver noise [sqrt(W)]."""
@@ -79,31 +89,24 @@ class Cylinders(Simulated):
         return snapshot(bench.radar, *self.echoes(bench, place), generator)
 
     def score(self, bench: Bench, contender: Contender, place: int, scene: NDArray[np.complex64]) -> Values:
-        """image [rows, U] of the range bins around the cylinders."""
+        """image [rows, U] of the range bins around the cylinders; the figures of :meth:`judged`."""
+        rows, middle = close_up(bench.radar, RANGE_M)
+        image = contender.answer.image_rows(scene, cell_noise_power(bench.radar), rows).astype(np.float32)
+        return {"image": image, **self.judged(bench.radar, place, image[middle].astype(np.float64))}
+
+    def truths(self, bench: Bench, place: int) -> Mapping[str, Callable[[object], Values]]:
+        if place != self.shown:
+            return {}
         rows, _ = close_up(bench.radar, RANGE_M)
-        return {"image": contender.answer.image_rows(scene, cell_noise_power(bench.radar), rows).astype(np.float32)}
+        return {"": lambda _: {"image": truth_image(bench.radar, *self.echoes(bench, place))[rows]}}
 
-    def tasks(self, bench: Bench) -> Sequence[Task]:
-        shown = self.conditions(bench)[self.shown]
-        return [*super().tasks(bench), task_of(bench, None, shown, self.inputs(bench), partial(self._truth, bench))]
-
-    def _truth(self, bench: Bench) -> Values:
-        rows, _ = close_up(bench.radar, RANGE_M)
-        return {"image": truth_image(bench.radar, *self.echoes(bench, self.shown))[rows]}
-
-    def cuts(self, bench: Bench, results: Results, contender: Contender) -> NDArray[np.float64]:
-        """[scenes, U] the range bin of the cylinders."""
-        middle = close_up(bench.radar, RANGE_M)[1]
-        images = [results[*contender.key, condition]["image"] for condition in self.conditions(bench)]
-        return np.stack([image[middle] for image in images]).astype(np.float64)
-
-    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
-        shown = self.conditions(bench)[self.shown]
+    def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
+        shown = condition_text(self.conditions(bench)[self.shown])
         levels = {c.key: own_levels(results[*c.key, shown]["image"]) for c in bench.contenders}
         truth, first = own_levels(results[TRUTH, "", shown]["image"]), int(close_up(bench.radar, RANGE_M)[0][0])
         marks = [(RANGE_M, float(u)) for u in self.places(bench.radar)]
-        drawn = image_panels(levels, truth, bench.radar, first, self.title, marks, self.reach, self.notes(rows))
-        return {self.name: drawn}
+        notes = {key: self.note(found, key) for key in levels}
+        return {self.name: image_panels(levels, truth, bench.radar, first, self.title, marks, self.reach, notes)}
 
 
 class PointSpread(Cylinders):
@@ -116,10 +119,11 @@ class PointSpread(Cylinders):
         "image's own maximum; the cut is that of the cylinder's range bin. In the table, sidelobes below -60 dB "
         "count as -60 dB; table and panels have means over nine directions."
     )
-    stream, shown, reach = 8, ANGLES.index(SHOWN_U), 0.5
+    metrics = (WIDTH, SIDELOBE, "integrated sidelobes [dB]", "angle error [bins]")
+    of_all, stream, shown, reach = AT_RANGE, 8, ANGLES.index(SHOWN_U), 0.5
 
-    def conditions(self, bench: Bench) -> Sequence[str]:
-        return [f"u={u:g}" for u in ANGLES]
+    def conditions(self, bench: Bench) -> Sequence[Condition]:
+        return [{"u": f"{u:g}"} for u in ANGLES]
 
     def echoes(self, bench: Bench, place: int) -> Echoes:
         return _cylinders(bench.radar, np.array([ANGLES[place]]), np.zeros(1))
@@ -127,25 +131,18 @@ class PointSpread(Cylinders):
     def places(self, radar: Radar) -> NDArray[np.float64]:
         return np.array([SHOWN_U])
 
-    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
-        grid, condition = bench.radar.grid, {"range": f"{RANGE_M:g} m"}
-        for contender in bench.contenders:
-            spreads = [point_spread(cut, grid.u) for cut in self.cuts(bench, results, contender)]
-            found_ones = [(s, u) for s, u in zip(spreads, ANGLES, strict=True) if s is not None]
-            for metric, values in {
-                WIDTH: [s.width / grid.step for s, _ in found_ones],
-                SIDELOBE: [max(s.pslr_db, -REPORT_SPAN_DB) for s, _ in found_ones],
-                "integrated sidelobes [dB]": [max(s.islr_db, -REPORT_SPAN_DB) for s, _ in found_ones],
-                "angle error [bins]": [abs(s.u - u) / grid.step for s, u in found_ones],
-            }.items():
-                found.mean(contender, metric, condition, values)
+    def judged(self, radar: Radar, place: int, cut: NDArray[np.float64]) -> Values:
+        """NaN of an empty cut."""
+        found, step = point_spread(cut, radar.grid.u), radar.grid.step
+        numbers = [math.nan] * len(self.metrics)
+        if found is not None:
+            sidelobes = (max(level, -REPORT_SPAN_DB) for level in (found.pslr_db, found.islr_db))
+            numbers = [found.width / step, *sidelobes, abs(found.u - ANGLES[place]) / step]
+        return {metric: np.asarray(number) for metric, number in zip(self.metrics, numbers, strict=True)}
 
-    def notes(self, rows: Sequence[MetricRow]) -> Notes:
-        numbers = {(row.method, row.array, row.metric): row.value for row in rows}
-        return {
-            key: f"{numbers[(*key, WIDTH)]:.1f} bins wide\nsidelobe {numbers[(*key, SIDELOBE)]:.1f} dB"
-            for key in {(row.method, row.array) for row in rows}
-        }
+    def note(self, found: Numbers, key: tuple[str, str]) -> str:
+        width, sidelobe = (found.row(key, metric, self.of_all).value for metric in (WIDTH, SIDELOBE))
+        return f"{width:.1f} bins wide\nsidelobe {sidelobe:.1f} dB"
 
 
 class Reflectors(Cylinders):
@@ -161,10 +158,11 @@ class Reflectors(Cylinders):
         "Simulated, one realisation of phases and noise; levels below each image's own maximum. Panels and table "
         "have the share of realisations in which both were found within half of their distance."
     )
-    stream, shown, reach = 10, 0, 0.25
+    metrics = (PROBABILITY_OF_RESOLUTION,)
+    of_all, stream, shown, reach = PAIR, 10, 0, 0.25
 
-    def conditions(self, bench: Bench) -> Sequence[str]:
-        return [f"realisation={index}" for index in range(min(bench.config.trials, MOST_REALISATIONS))]
+    def conditions(self, bench: Bench) -> Sequence[Condition]:
+        return [{"realisation": index} for index in range(min(bench.config.trials, MOST_REALISATIONS))]
 
     def echoes(self, bench: Bench, place: int) -> Echoes:
         phase = np.random.default_rng([bench.config.seed, 11, place]).uniform(-np.pi, np.pi, 2)
@@ -173,16 +171,12 @@ class Reflectors(Cylinders):
     def places(self, radar: Radar) -> NDArray[np.float64]:
         return CENTRE_U + resolution_cell(radar) * np.array([-0.5, 0.5])
 
-    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
-        u = bench.radar.grid.u
-        condition = {"range": f"{RANGE_M:g} m", "separation": "1 RL"}
-        for contender in bench.contenders:
-            cuts = self.cuts(bench, results, contender)
-            both = resolved(strongest_peaks(cuts, u, 2), np.tile(self.places(bench.radar), (len(cuts), 1)))
-            found.share(contender, "probability of resolution", condition, both)
+    def judged(self, radar: Radar, place: int, cut: NDArray[np.float64]) -> Values:
+        both = resolved(strongest_peaks(cut[None], radar.grid.u, 2), self.places(radar)[None])
+        return {PROBABILITY_OF_RESOLUTION: both}
 
-    def notes(self, rows: Sequence[MetricRow]) -> Notes:
-        return {(row.method, row.array): f"resolved: {100.0 * row.value:.0f} %" for row in rows}
+    def note(self, found: Numbers, key: tuple[str, str]) -> str:
+        return f"resolved: {100.0 * found.row(key, PROBABILITY_OF_RESOLUTION, self.of_all).value:.0f} %"
 
 
 def _cylinders(radar: Radar, u: NDArray[np.float64], phase: NDArray[np.float64]) -> Echoes:

@@ -3,19 +3,16 @@ them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from shared.physics.errors import figure_text
-from trainer.evaluation.experiments.bench import Bench, FrameRef, Numbers, Results
-from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.frames import RESIDUAL, OfFrames, gathered, ranking
+from trainer.evaluation.experiments.bench import Bench, Results
+from trainer.evaluation.experiments.frames import RESIDUAL, FrameScores, OfFrames
 from trainer.evaluation.report.figures import TRUTH_COLOUR, Look, counted, label_ends, legend_below, panels
-from trainer.evaluation.report.tables import AVERAGE_PRECISION, TRUTH, Condition, MetricRow, SummaryColumn
+from trainer.evaluation.report.tables import AVERAGE_PRECISION, TRUTH, Condition, Numbers, SummaryColumn
 from trainer.metrics.detection import D_MAX_BINS, PROMINENCES
 from trainer.metrics.ranking import average_precision
 
@@ -34,23 +31,16 @@ def at_false_alarms(count: int) -> dict[str, object]:
     return {"false alarms": f"{count} a frame"}
 
 
-def count_ranking(
-    bench: Bench,
-    results: Results,
-    key: tuple[str, str],
-    refs: Sequence[FrameRef],
-    condition: Condition,
-    found: Numbers,
-) -> None:
+def count_ranking(scores: FrameScores, key: tuple[str, str], condition: Condition, found: Numbers) -> None:
     """Average precision and detection probabilities of a (method, array), or of the truth itself, over frames."""
     metrics = [(AVERAGE_PRECISION, condition)]
     metrics += [(DETECTION_PROBABILITY, {**condition, **at_false_alarms(count)}) for count in FALSE_ALARMS]
-    intervals = ranking(results, key, refs).intervals(FALSE_ALARMS, bench.config.seed)
+    intervals = scores.ranking(key).intervals(FALSE_ALARMS, found.seed)
     for (metric, of), one in zip(metrics, intervals, strict=True):
-        found.add(key, metric, of, one, len(refs))
+        found.add(key, metric, of, one, len(scores.refs))
 
 
-def count_gains(bench: Bench, results: Results, refs: Sequence[FrameRef], found: Numbers) -> None:
+def count_gains(bench: Bench, scores: FrameScores, found: Numbers) -> None:
     """What each network's average precision has over the best of the other methods of its array, on the same frames.
 
     Frames are drawn for both at once (:func:`trainer.metrics.ranking.average_precision`). The condition names the
@@ -58,21 +48,21 @@ def count_gains(bench: Bench, results: Results, refs: Sequence[FrameRef], found:
     """
     for array in bench.arrays:
         contenders = [contender for contender in bench.contenders if contender.array.name == array.name]
-        rankings = {one.method: ranking(results, one.key, refs) for one in contenders}
+        rankings = {one.method: scores.ranking(one.key) for one in contenders}
         precision = {method: one.average_precision() for method, one in rankings.items()}
         for network in contenders:
             others = [method for method in precision if method != network.method]
             if not network.parameters or not others:
                 continue
             best = max(others, key=precision.__getitem__)
-            gain = average_precision(rankings[network.method], rankings[best], bench.config.seed)
-            found.add(network.key, OVER_NEXT, {"over": best}, gain, len(refs))
+            gain = average_precision(rankings[network.method], rankings[best], found.seed)
+            found.add(network.key, OVER_NEXT, {"over": best}, gain, len(scores.refs))
 
 
-def ranking_figure(bench: Bench, results: Results, refs: Sequence[FrameRef]) -> Figure:
+def ranking_figure(bench: Bench, scores: FrameScores) -> Figure:
     """Detection probability over false alarms a frame, a panel for each array."""
     look = Look(one.key for one in bench.contenders)
-    size, title = (4.4 * len(look.arrays) + 0.6, 4.6), f"{TITLE}: {counted(len(refs), 'frame')}"
+    size, title = (4.4 * len(look.arrays) + 0.6, 4.6), f"{TITLE}: {counted(len(scores.refs), 'frame')}"
     figure, (axes,) = panels(1, len(look.arrays), size, title, sharey=True)
     least, most = SHOWN_FALSE_ALARMS
     places = np.geomspace(least, most, 241)
@@ -80,7 +70,7 @@ def ranking_figure(bench: Bench, results: Results, refs: Sequence[FrameRef]) -> 
         methods = [contender.method for contender in bench.contenders if contender.array.name == array]
         ends = []
         for method in (*methods, TRUTH):
-            false, detected = ranking(results, (method, array), refs).curve()
+            false, detected = scores.ranking((method, array)).curve()
             down_to = np.searchsorted(false, places, side="right")
             shown = np.concatenate([[0.0], detected])[down_to]
             colour = TRUTH_COLOUR if method == TRUTH else look.colour(method)
@@ -140,32 +130,30 @@ class Detection(OfFrames):
     summary = SUMMARY
 
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
-        refs = self.refs(bench)
+        scores = self.scores(bench, results)
         for contender in bench.contenders:
-            counts = gathered(results, contender, refs, "paper")  # (frames, d_max, prominence, 4)
+            counts = scores.gathered(contender.key, "paper")  # (frames, d_max, prominence, 4)
             for (metric, (part, whole)), (d, d_max), (p, prominence) in product(
                 RATES.items(), enumerate(D_MAX_BINS), enumerate(PROMINENCES)
             ):
-                condition = {"d_max": f"{d_max} bins", "prominence": f"{prominence:g}"}
                 parts, wholes = counts[:, d, p, part], counts[:, d, p, list(whole)].sum(axis=-1)
-                found.ratio(contender, metric, condition, parts, wholes)
-            count_frames(bench, results, contender, refs, {}, found)
+                found.ratio(contender.key, metric, _sweep(d_max, prominence), parts, wholes)
+            count_frames(scores, contender.key, {}, found)
         for array in bench.arrays:
-            count_ranking(bench, results, (TRUTH, array.name), refs, {}, found)
-        count_gains(bench, results, refs, found)
+            count_ranking(scores, (TRUTH, array.name), {}, found)
+        count_gains(bench, scores, found)
 
-    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
-        refs = self.refs(bench)
+    def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
+        scores = self.scores(bench, results)
         look = Look(one.key for one in bench.contenders)
-        title = f"{self.title}: {counted(len(refs), 'frame')}"
+        title = f"{self.title}: {counted(len(scores.refs), 'frame')}"
         figure, axes = panels(len(D_MAX_BINS), len(RATES), (11.0, 6.4), title, sharex=True, sharey="col")
         for contender in bench.contenders:
-            counts = gathered(results, contender, refs, "paper").sum(axis=0)
             style = {"color": look.colour(contender.method), "ls": look.line(contender.array.name), "lw": 1.3}
-            for line in range(len(D_MAX_BINS)):
-                for column, (part, whole) in enumerate(RATES.values()):
-                    rate = _ratio(counts[line, :, part], counts[line][:, list(whole)].sum(axis=-1))
-                    axes[line, column].plot(PROMINENCES, rate, **style)
+            for line, d_max in enumerate(D_MAX_BINS):
+                swept = [_sweep(d_max, prominence) for prominence in PROMINENCES]
+                for column, metric in enumerate(RATES):
+                    axes[line, column].plot(PROMINENCES, found.values(contender.key, metric, swept), **style)
         for line, d_max in enumerate(D_MAX_BINS):
             for column, metric in enumerate(RATES):
                 axis = axes[line, column]
@@ -175,32 +163,29 @@ class Detection(OfFrames):
         for axis in axes[-1]:
             axis.set_xlabel("prominence of a peak, of the maximum")
         legend_below(figure, [*look.method_handles(), *look.array_handles(markers=False)])
-        return {"detection-probability": ranking_figure(bench, results, refs), self.name: figure}
+        return {"detection-probability": ranking_figure(bench, scores), self.name: figure}
 
 
-def count_frames(
-    bench: Bench, results: Results, contender: Contender, refs: Sequence[FrameRef], condition: Condition, found: Numbers
-) -> None:
+def count_frames(scores: FrameScores, key: tuple[str, str], condition: Condition, found: Numbers) -> None:
     """Average precision, one-to-one scores and image errors over frames."""
-    count_ranking(bench, results, contender.key, refs, condition, found)
-    strict = gathered(results, contender, refs, "strict")  # (frames, d_max, 3)
+    count_ranking(scores, key, condition, found)
+    strict = scores.gathered(key, "strict")  # (frames, d_max, 3)
     for d, d_max in enumerate(D_MAX_BINS):
         tp, fp, fn = np.moveaxis(strict[:, d], -1, 0)
         of = {**condition, "d_max": f"{d_max} bins"}
-        found.ratio(contender, RECALL, of, tp, tp + fn)
-        found.ratio(contender, PRECISION, of, tp, tp + fp)
-        found.ratio(contender, F1, of, 2 * tp, 2 * tp + fp + fn)
-    residual = dict(zip(RESIDUAL, np.moveaxis(gathered(results, contender, refs, "residual"), -1, 0), strict=True))
+        found.ratio(key, RECALL, of, tp, tp + fn)
+        found.ratio(key, PRECISION, of, tp, tp + fp)
+        found.ratio(key, F1, of, 2 * tp, 2 * tp + fp + fn)
+    residual = dict(zip(RESIDUAL, np.moveaxis(scores.gathered(key, "residual"), -1, 0), strict=True))
     for metric, part, whole in (
         (UNSUPPORTED, "unsupported", "lines"),
         ("range bins explained to the noise", "explained_rows", "rows"),
         ("energy that the peaks leave", "left", "energy"),
     ):
-        found.ratio(contender, metric, condition, residual[part], residual[whole])
+        found.ratio(key, metric, condition, residual[part], residual[whole])
     for metric, name in IMAGE_METRICS.items():
-        found.mean(contender, metric, condition, gathered(results, contender, refs, name))
+        found.mean(key, metric, condition, scores.gathered(key, name))
 
 
-def _ratio(part: NDArray[np.float64], whole: NDArray[np.float64]) -> NDArray[np.float64]:
-    """NaN, a gap in the curve, where nothing was counted."""
-    return np.divide(part, whole, out=np.full(part.shape, np.nan), where=whole > 0)
+def _sweep(d_max: int, prominence: float) -> Condition:
+    return {"d_max": f"{d_max} bins", "prominence": f"{prominence:g}"}

@@ -7,7 +7,7 @@ peak, and is imaged if those are imaged too; the images are merged by their maxi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache, partial
+from functools import lru_cache
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,12 +20,12 @@ from shared.physics.errors import figure_text
 from shared.pictures import COLOUR_MAP, SPAN_DB, hold_peaks, level_db, range_weighted, range_weighted_db
 from shared.radar import Radar
 from shared.signal.ego_motion import folded
-from trainer.evaluation.experiments.bench import Bench, Experiment, FrameRef, Numbers, Results, Task, task_of
+from trainer.evaluation.experiments.bench import Bench, FrameRef, Results
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.frames import load_frame, true_magnitude
+from trainer.evaluation.experiments.frames import FrameByFrame, load_frame, true_magnitude
 from trainer.evaluation.report.figures import PANEL_PIXELS, colour_bar, draw_image, panels
 from trainer.evaluation.report.page import doppler_map
-from trainer.evaluation.report.tables import MetricRow
+from trainer.evaluation.report.tables import Numbers
 from trainer.evaluation.store import Values
 from trainer.metrics.detection import find_image_peaks
 from trainer.run.targets import PROBABILITY
@@ -39,7 +39,7 @@ LEVEL = 0.1
 PLACES = ("in the strongest Doppler peak", "in a weaker Doppler peak")
 
 
-class Doppler(Experiment):
+class Doppler(FrameByFrame):
     """Is what moves found behind what stands?"""
 
     name = "doppler"
@@ -55,15 +55,14 @@ class Doppler(Experiment):
     def obstacle(self, bench: Bench) -> str | None:
         return None if bench.radar.waveform.chirps > 1 else "the radar sends one chirp a frame"
 
-    def tasks(self, bench: Bench) -> Sequence[Task]:
-        frames, shown = moving_frames(bench), shown_contender(bench)
-        tasks = []
-        for ref in frames:
-            for contender in bench.contenders:
-                keep = ref == frames[0] and contender is shown
-                work = partial(_score, bench.radar, contender, ref, keep)
-                tasks.append(task_of(bench, contender, ref.condition, [bench.data_sha256, ref.frame_id, keep], work))
-        return tasks
+    def frames(self, bench: Bench) -> Sequence[FrameRef]:
+        return moving_frames(bench)
+
+    def inputs(self, bench: Bench) -> object:
+        return [bench.data_sha256, moving_frames(bench)[0].frame_id, *shown_contender(bench).key]
+
+    def score(self, bench: Bench, contender: Contender, place: int, scene: Frame) -> Values:
+        return score_peaks(bench.radar, contender, scene, place == 0 and contender is shown_contender(bench))
 
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         frames = moving_frames(bench)
@@ -72,12 +71,12 @@ class Doppler(Experiment):
             for index, place in enumerate(PLACES):
                 total, condition = counts[:, index, 0], {"target": place}
                 for column, peaks in ((1, "the strongest Doppler peak alone"), (2, "all Doppler peaks")):
-                    found.ratio(contender, f"targets found by {peaks}", condition, counts[:, index, column], total)
+                    found.ratio(contender.key, f"targets found by {peaks}", condition, counts[:, index, column], total)
         rows = [float(np.any(f.velocity[1:] != f.velocity[0], axis=0).sum()) for f in map(load_frame, frames)]
         # The number is a property of the data, the same for all contenders; the first one's row holds it.
-        found.mean(bench.contenders[0], "range bins with a second peak", {}, rows)
+        found.mean(bench.contenders[0].key, "range bins with a second peak", {}, rows)
 
-    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
+    def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
         contender, ref = shown_contender(bench), moving_frames(bench)[0]
         cell = results[*contender.key, ref.condition]
         images = cell["images"].astype(np.float64)
@@ -89,10 +88,10 @@ class Doppler(Experiment):
         shown[1:][frame.velocity[1:] == frame.velocity[0]] = 0.0
         reference = float(shown.max())
         title = f"{self.title}: {figure_text(ref.scene)}, frame {ref.frame_id}, {figure_text(contender.name)}"
-        found = cell["found"][1]
-        if found[0]:
-            title += f": of {found[0]:.0f} targets in a weaker peak "
-            title += f"{found[1]:.0f} found by the strongest alone, {found[2]:.0f} by all"
+        targets, by_strongest, by_all = cell["found"][1]
+        if targets:
+            title += f": of {targets:.0f} targets in a weaker peak "
+            title += f"{by_strongest:.0f} found by the strongest alone, {by_all:.0f} by all"
         ratios = [1.4, *[1.0] * (len(images) + 2)]
         figure, axes = panels(1, len(ratios), (2.2 * len(ratios) + 1.5, 4.4), title, width_ratios=ratios)
         _draw_range_doppler(axes[0, 0], frame, radar)
@@ -143,10 +142,6 @@ def _same_velocity(velocities: NDArray[np.floating], velocity_mps: float, radar:
     """Whether Doppler cells hold a velocity, which folds at the ends of the axis."""
     difference = folded(np.asarray(velocities, dtype=np.float64) - velocity_mps, radar.waveform.velocity_span_mps)
     return np.abs(difference) <= REACH_CELLS * radar.waveform.velocity_step_mps
-
-
-def _score(radar: Radar, contender: Contender, ref: FrameRef, keep: bool) -> Values:
-    return score_peaks(radar, contender, load_frame(ref), keep)
 
 
 def score_peaks(radar: Radar, contender: Contender, frame: Frame, keep: bool) -> Values:

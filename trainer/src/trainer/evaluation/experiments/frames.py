@@ -4,8 +4,9 @@ share."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import astuple
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import astuple, dataclass
 from functools import lru_cache, partial
 
 import numpy as np
@@ -15,19 +16,18 @@ from shared.dataset import Frame
 from shared.dataset.folder import Dataset
 from shared.dataset.reading import read_frame
 from shared.radar import Radar
-from shared.signal.ego_motion import EgoMotion, StaticWorld
 from trainer.data.arrays import ArrayChoice
+from trainer.data.motion import known_world
 from trainer.evaluation.experiments.bench import (
     KEPT,
     Bench,
-    Experiment,
     FrameRef,
     Results,
-    Task,
-    task_of,
+    SceneByScene,
 )
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.page import scene_levels
+from trainer.evaluation.report.tables import Condition
 from trainer.evaluation.store import Values
 from trainer.metrics.cells import CellScores, score_cells
 from trainer.metrics.detection import (
@@ -81,22 +81,24 @@ def one_of_each_scene(refs: Sequence[FrameRef], count: int) -> tuple[FrameRef, .
     return tuple(ref for _, ref in sorted(turns, key=lambda entry: entry[0])[:count])
 
 
-def frame_tasks(bench: Bench) -> list[Task]:
-    """The cells of all frames and contenders, frame by frame, and of the truth itself for each array."""
-    tasks = []
-    for ref in bench.frames:
-        inputs, load = [bench.data_sha256, ref.frame_id], partial(load_frame, ref)
-        tasks += [
-            task_of(bench, contender, ref.condition, inputs, partial(score_frame, contender, load))
-            for contender in bench.contenders
-        ]
-        for array in bench.arrays:
-            truth = partial(score_truth, bench.radar, array, load)
-            tasks.append(task_of(bench, None, ref.condition, [*inputs, list(array.rx)], truth, array.name))
-    return tasks
+class FrameByFrame(SceneByScene):
+    """An experiment whose scenes are frames of the test split."""
+
+    @abstractmethod
+    def frames(self, bench: Bench) -> Sequence[FrameRef]:
+        """The frames that have cells."""
+
+    def conditions(self, bench: Bench) -> Sequence[Condition]:
+        return [ref.named for ref in self.frames(bench)]
+
+    def scene(self, bench: Bench, place: int) -> Frame:
+        return load_frame(self.frames(bench)[place])
+
+    def inputs(self, bench: Bench) -> object:
+        return bench.data_sha256
 
 
-class OfFrames(Experiment):
+class OfFrames(FrameByFrame):
     """An experiment on the scores of single frames, whose cells it shares with the others.
 
     :cvar scenes_alone: it looks at the frames of scenes and not at those of point targets
@@ -109,6 +111,19 @@ class OfFrames(Experiment):
         """The frames that it looks at."""
         return scene_frames(bench) if self.scenes_alone else bench.frames
 
+    def scores(self, bench: Bench, results: Results) -> FrameScores:
+        """Of the frames that it looks at."""
+        return FrameScores(results, self.refs(bench))
+
+    def frames(self, bench: Bench) -> Sequence[FrameRef]:
+        return bench.frames
+
+    def score(self, bench: Bench, contender: Contender, place: int, scene: Frame) -> Values:
+        return score_frame(contender, scene)
+
+    def truths(self, bench: Bench, place: int) -> Mapping[str, Callable[[Frame], Values]]:
+        return {array.name: partial(score_truth, bench.radar, array) for array in bench.arrays}
+
     def obstacle(self, bench: Bench) -> str | None:
         if not self.refs(bench):
             return "the test split has no scene frames"
@@ -116,9 +131,6 @@ class OfFrames(Experiment):
         if min(shape) >= SSIM_WINDOW:
             return None
         return f"images have {shape[0]} x {shape[1]} bins, SSIM's window {SSIM_WINDOW} x {SSIM_WINDOW}"
-
-    def tasks(self, bench: Bench) -> Sequence[Task]:
-        return frame_tasks(bench)
 
 
 def scene_frames(bench: Bench) -> tuple[FrameRef, ...]:
@@ -136,23 +148,17 @@ def true_magnitude(frame: Frame) -> NDArray[np.float64]:
     return np.asarray(frame.image, dtype=np.float64) * frame.image_peak
 
 
-def static_world(frame: Frame, radar: Radar) -> StaticWorld:
-    """What the sensor's motion says of a frame's rows [R] at their strongest Doppler peaks."""
-    return StaticWorld(EgoMotion.of_pose(frame.sensor_velocity, frame.sensor_orientation), frame.velocity[0], radar)
-
-
-def score_frame(contender: Contender, load: Callable[[], Frame]) -> Values:
+def score_frame(contender: Contender, frame: Frame) -> Values:
     """All scores of one image against the frame's truth, at the strongest Doppler peaks, told the sensor's motion.
 
     paper [2 d_max, prominences, 4]: TP, FP, FN, TN by the paper's rules; strict [2 d_max, 3]: TP, FP, FN one to one;
     residual [6]: see :data:`RESIDUAL`; nmse (NaN unless in sqrt(W)), scaled_nmse, ssim []: NaN where the truth is
     empty; cells_matched [m], cells_false [f], cells_true []: see :class:`trainer.metrics.cells.CellScores`.
     """
-    frame, answer = load(), contender.answer
+    answer = contender.answer
     range_channel, noise = frame.range_channel[0], frame.noise_power
     truth = true_magnitude(frame)
-    image, score = answer.image_and_score(range_channel, noise, static_world(frame, answer.radar))
-    cells = answer.score_cells(truth, range_channel, noise, (image, score))
+    image, cells = answer.scored(truth, range_channel, noise, known_world(vars(frame), answer.radar))
     detected, true = find_image_peaks(image), find_image_peaks(truth).above(TRUTH_PROMINENCE)
     paper = [[astuple(counts) for counts in paper_sweep(detected, true, PROMINENCES, d_max)] for d_max in D_MAX_BINS]
     prominent = detected.above(STRICT_PROMINENCE)
@@ -171,9 +177,8 @@ def score_frame(contender: Contender, load: Callable[[], Frame]) -> Values:
     return {name: np.asarray(value, dtype=np.float64) for name, value in (values | quality | _stored(cells)).items()}
 
 
-def score_truth(radar: Radar, array: ArrayChoice, load: Callable[[], Frame]) -> Values:
+def score_truth(radar: Radar, array: ArrayChoice, frame: Frame) -> Values:
     """What the truth's own image scores against the truth cells that an array could find: the most that is possible."""
-    frame = load()
     truth = true_magnitude(frame)
     channels = len(array.channels(radar))
     cells = score_cells(truth, truth, frame.noise_power, channels, radar.waveform.range_step_m)
@@ -184,15 +189,21 @@ def _stored(cells: CellScores) -> dict[str, NDArray[np.float64] | float]:
     return {"cells_matched": cells.matched, "cells_false": cells.false_alarms, "cells_true": float(cells.truths)}
 
 
-def ranking(results: Results, key: tuple[str, str], refs: Sequence[FrameRef]) -> Ranking:
-    """Detections over frames.
+@dataclass(frozen=True, eq=False)
+class FrameScores:
+    """The scores of some frames, by :func:`score_frame` and :func:`score_truth`."""
 
-    :param key: (method, array); the method may be :data:`TRUTH`
-    """
-    found = [results[*key, ref.condition] for ref in refs]
-    return pooled([CellScores(one["cells_matched"], one["cells_false"], int(one["cells_true"])) for one in found])
+    results: Results
+    refs: Sequence[FrameRef]
 
+    def ranking(self, key: tuple[str, str]) -> Ranking:
+        """Detections over the frames.
 
-def gathered(results: Results, contender: Contender, refs: Sequence[FrameRef], name: str) -> NDArray[np.float64]:
-    """[frames, ...] one score of a contender over frames."""
-    return np.stack([results[*contender.key, ref.condition][name] for ref in refs])
+        :param key: (method, array); the method may be :data:`TRUTH`
+        """
+        found = [self.results[*key, ref.condition] for ref in self.refs]
+        return pooled([CellScores(one["cells_matched"], one["cells_false"], int(one["cells_true"])) for one in found])
+
+    def gathered(self, key: tuple[str, str], name: str) -> NDArray[np.float64]:
+        """[frames, ...] one score of a (method, array)."""
+        return np.stack([self.results[*key, ref.condition][name] for ref in self.refs])

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 
+import numpy as np
 from matplotlib.figure import Figure
 
+from shared.dataset import Frame
 from shared.physics.errors import figure_text
-from trainer.evaluation.experiments.bench import Bench, Numbers, Results, known
+from trainer.evaluation.experiments.bench import Bench, FrameRef, Results
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.detection import SSIM, count_frames
-from trainer.evaluation.experiments.frames import OfFrames, by_scene
+from trainer.evaluation.experiments.frames import FrameByFrame, FrameScores, OfFrames, by_scene
 from trainer.evaluation.report.figures import Look, counted, draw_bar, legend_below, panels
-from trainer.evaluation.report.tables import AVERAGE_PRECISION, MetricRow
+from trainer.evaluation.report.tables import AVERAGE_PRECISION, Condition, Numbers
+from trainer.evaluation.store import Values
 from trainer.run.folder import Fingerprint
 
 SHOWN = (AVERAGE_PRECISION, SSIM)
 SECONDS, PARAMETERS = "seconds for an image", "trained parameters"
+RUNTIME_REPEATS = 3
+"""Runs for one image after a first one, of which the shortest counts: what else a machine does only adds."""
 
 
 class Generalisation(OfFrames):
@@ -34,11 +40,9 @@ class Generalisation(OfFrames):
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         for scene, refs in by_scene(bench.frames).items():
             for contender in bench.contenders:
-                condition = {"scene": scene, "trained on it": trained_on(bench, contender, scene)}
-                count_frames(bench, results, contender, refs, condition, found)
+                count_frames(FrameScores(results, refs), contender.key, _condition(bench, contender, scene), found)
 
-    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
-        of_scene = {(row.method, row.array, row.metric, row.condition["scene"]): row for row in rows}
+    def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
         scenes = by_scene(bench.frames)
         look = Look(one.key for one in bench.contenders)
         width = max(7.0, 1.2 + len(scenes) * (0.28 * len(bench.contenders) + 0.4))
@@ -48,7 +52,7 @@ class Generalisation(OfFrames):
         for axis, metric in zip(axes, SHOWN, strict=True):
             for place, contender in enumerate(bench.contenders):
                 for column, scene in enumerate(scenes):
-                    row = of_scene[*contender.key, metric, scene]
+                    row = found.row(contender.key, metric, _condition(bench, contender, scene))
                     centre = column + (place - 0.5 * (len(bench.contenders) - 1)) * slot
                     unseen = trained_on(bench, contender, scene) in ("no", "unknown")
                     paler = 1.0 - 0.25 * look.arrays.index(contender.array.name)
@@ -65,6 +69,10 @@ class Generalisation(OfFrames):
         )
         legend_below(figure, look.method_handles())
         return {self.name: figure}
+
+
+def _condition(bench: Bench, contender: Contender, scene: str) -> Condition:
+    return {"scene": scene, "trained on it": trained_on(bench, contender, scene)}
 
 
 def trained_on(bench: Bench, contender: Contender, scene: str) -> str:
@@ -94,6 +102,27 @@ def _seen(bench: Bench, fingerprint: Fingerprint, scene: str) -> str:
     return "unknown" if scene in {record.name for record in fingerprint.scenes} else "no"
 
 
+class Runtime(FrameByFrame):
+    """Seconds for one image of each contender, one thread: the first test frame, whole."""
+
+    name = "runtime"
+
+    def frames(self, bench: Bench) -> Sequence[FrameRef]:
+        return bench.frames[:1]
+
+    def score(self, bench: Bench, contender: Contender, place: int, scene: Frame) -> Values:
+        seconds = []
+        for _ in range(1 + RUNTIME_REPEATS):
+            start = time.perf_counter()
+            contender.answer.image(scene.range_channel[0], scene.noise_power)
+            seconds.append(time.perf_counter() - start)
+        return {"seconds": np.asarray(min(seconds[1:]))}
+
+    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
+        for contender in bench.contenders:
+            found.known(contender.key, SECONDS, {}, bench.seconds[contender.key])
+
+
 class Tradeoff(OfFrames):
     """What does quality cost?"""
 
@@ -107,16 +136,16 @@ class Tradeoff(OfFrames):
 
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         for contender in bench.contenders:
-            found.add(contender.key, PARAMETERS, {}, known(float(contender.parameters)))
+            found.known(contender.key, PARAMETERS, {}, float(contender.parameters))
 
-    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
+    def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
         look = Look(one.key for one in bench.contenders)
         figure, (axes,) = panels(1, len(SHOWN), (10.0, 4.8), self.title)
         for contender in bench.contenders:
             quality = Numbers(self.name, bench.config.seed)
-            count_frames(bench, results, contender, self.refs(bench), {}, quality)
+            count_frames(self.scores(bench, results), contender.key, {}, quality)
             for axis, metric in zip(axes, SHOWN, strict=True):
-                row = next(r for r in quality.rows if r.metric == metric)
+                row = quality.row(contender.key, metric, {})
                 seconds = bench.seconds[contender.key]
                 style = {"color": look.colour(contender.method), "marker": look.marker(contender.array.name)}
                 axis.plot(seconds, row.value, ms=7, ls="", **style)

@@ -24,14 +24,14 @@ from trainer.estimators.fitting import fit_lines, score_peaks
 from trainer.estimators.lines import line_amplitudes
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music
-from trainer.evaluation.experiments.bench import Bench, Experiment, Numbers, Results, Task, known
+from trainer.evaluation.experiments.bench import Bench, Experiment, Results
 from trainer.evaluation.experiments.contenders import kind_of
 from trainer.evaluation.experiments.measured_figures import cartesian_figure, cut_figure
 from trainer.evaluation.experiments.measured_input import MeasuredInput, snapshot_radar
-from trainer.evaluation.report.tables import MetricRow
+from trainer.evaluation.report.tables import Numbers
 from trainer.evaluation.store import Values
 from trainer.metrics.bootstrap import Interval
-from trainer.run.answers import NetworkAnswer, network_answer
+from trainer.run.answers import NetworkAnswer, Told, network_answer
 from trainer.run.detections import CANDIDATES
 from trainer.run.folder import RUN_FILE, load_imager
 from trainer.run.other_radars import fitted_imager
@@ -51,6 +51,7 @@ LEAST_DB = -15.0
 leave -19 to -21 dB of a row's power."""
 MOST_LINES = 8
 FOUND_WITHIN_DEG = 1.0
+WITHIN = f"within {FOUND_WITHIN_DEG:g} deg"
 HANN = (0.0, -0.5, 1.0, -0.5, 0.0)
 """What a point in the middle of a range bin is in its neighbours: a network that looks along range is shown a snapshot
 so."""
@@ -83,14 +84,11 @@ class Measured(Experiment):
         self._pictures: Found = {}
         self._reference = np.empty(0)
 
-    def tasks(self, bench: Bench) -> Sequence[Task]:
-        return []
-
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         with threadpool_limits(limits=1):
             self._look()
         for n, angle in enumerate(self._reference, 1):
-            found.add(("ml", "reference"), f"angle {n} [deg]", {"elements": "all"}, known(float(angle)))
+            found.known(("ml", "reference"), f"angle {n} [deg]", {"elements": "all"}, float(angle))
         for key, values in self._spectra.items():
             angles = _degrees(values["lines"])
             numbers: dict[str, float] = {}
@@ -99,12 +97,16 @@ class Measured(Experiment):
             numbers["power left [dB]"] = float(values["left_db"])
             if len(self._reference):
                 which = "both" if len(self._reference) == 2 else "all"
-                numbers[f"{which} within {FOUND_WITHIN_DEG:g} deg"] = float(_all_found(angles, self._reference))
+                numbers[f"{which} {WITHIN}"] = float(_all_found(angles, self._reference))
             for metric, value in numbers.items():
                 found.add(key, metric, {}, Interval(value, math.nan, math.nan))
 
-    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
-        notes = _notes(self._spectra, self._reference)
+    def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
+        notes = {}  # how many methods find all, where it is known how many there are
+        for array in dict.fromkeys(array for _, array in self._spectra):
+            near = [row.value for row in found.rows if row.array == array and row.metric.endswith(WITHIN)]
+            if near:
+                notes[array] = f"{sum(near):.0f} of {len(near)} find all {WITHIN}"
         drawn = {NAME: cut_figure(self.measured, self.title, self._spectra, self._reference, notes)}
         if self._pictures:
             drawn[f"{NAME}-picture"] = cartesian_figure(self.measured, self._pictures)
@@ -124,24 +126,23 @@ class Measured(Experiment):
                     # Where the number of targets is known the noise is what as many lines leave, if that is more.
                     stated = row_noise(x, measured.noise_power, measured.model_error_db)
                     image = _estimator(method, measured.targets).image(x, line, measured.u, np.maximum(stated, left))
-                    self._spectra[method, name] = _judged(image[0], measured.u, x, line, measured.targets)
+                    self._spectra[method, name] = _judged(measured, elements, measured.u, image[0])
         if measured.frame is not None:
             for method in methods or PICTURED:
                 if method in PICTURED:
                     self._pictures[method, next(iter(measured.elements))] = _picture(measured, method)
         for name, answer in self._networks:
             key, elements, u = (name, answer.array.name), _elements(measured, answer), answer.radar.grid.u
+            told = Told(measured.noise_power, measured.model_error_db)
             if measured.frame is None:
                 rows = (np.array(HANN)[:, None] * measured.snapshot).astype(np.complex64)
-                images, _ = answer.images(rows[None], measured.noise_power, measured.model_error_db)
+                images, _ = answer.images(rows[None], told)
                 spectrum = images[0, HANN.index(1.0)]
             else:
-                frame = measured.frame
-                images, _ = answer.images(frame.range_channel[:1], frame.noise_power, measured.model_error_db)
+                images, _ = answer.images(measured.frame.range_channel[:1], told)
                 self._pictures[key] = {"image": images[0], "u": u}
                 spectrum = images[0, measured.row]
-            x, line = measured.snapshot[None, elements], measured.line(elements)
-            self._spectra[key] = _judged(spectrum.astype(np.float64), u, x, line, measured.targets)
+            self._spectra[key] = _judged(measured, elements, u, spectrum.astype(np.float64))
 
 
 def fitting_networks(
@@ -173,19 +174,6 @@ def fitting_networks(
 def _elements(measured: MeasuredInput, answer: NetworkAnswer) -> NDArray[np.intp]:
     """[C] of the row, which a network looks at; -1 for a channel that the row does not have."""
     return answer.channels if measured.frame is None else measured.element[answer.channels]
-
-
-def _notes(spectra: Found, reference: NDArray[np.float64]) -> dict[str, str]:
-    """How many methods find all, by array; nothing where nobody knows how many there are."""
-    if not len(reference):
-        return {}
-    of_array: dict[str, list[bool]] = {}
-    for (_, array), values in spectra.items():
-        of_array.setdefault(array, []).append(_all_found(_degrees(values["lines"]), reference))
-    return {
-        array: f"{sum(found)} of {len(found)} find all within {FOUND_WITHIN_DEG:g} deg"
-        for array, found in of_array.items()
-    }
 
 
 def _line_list(measured: MeasuredInput, spectra: Found, reference: NDArray[np.float64]) -> str:
@@ -251,26 +239,19 @@ class LineFit:
     def image(
         self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: object
     ) -> NDArray[np.float64]:
-        """[R, U] lines; the noise of each row is all noise that the fit is told."""
-        noise = np.broadcast_to(np.asarray(noise_power, dtype=np.float64), len(snapshots))
-        score = ESTIMATORS["likes"]().image(snapshots, array, u, noise)
-        found = np.zeros((len(snapshots), len(u)))
-        for row, (x, power) in enumerate(zip(snapshots, noise, strict=True)):
-            candidates = score_peaks(score[row : row + 1], u, CANDIDATES)
-            lines = fit_lines(x[None], array, float(power), candidates, -np.inf)
-            angles = np.where(np.isfinite(lines.u), lines.u, 0.0)
-            found[row] = draw_lines(angles, np.abs(lines.amplitude), array, u)[0]
-        return found
+        """[1, U] lines of one row; its noise is all noise that the fit is told."""
+        noise = np.broadcast_to(np.asarray(noise_power, dtype=np.float64), 1)
+        candidates = score_peaks(ESTIMATORS["likes"]().image(snapshots, array, u, noise), u, CANDIDATES)
+        lines = fit_lines(snapshots, array, float(noise[0]), candidates, -np.inf)
+        angles = np.where(np.isfinite(lines.u), lines.u, 0.0)
+        return draw_lines(angles, np.abs(lines.amplitude), array, u)
 
 
 def _judged(
-    spectrum: NDArray[np.float64],
-    u: NDArray[np.float64],
-    x: NDArray[np.complex128],
-    line: LineArray,
-    targets: int | None,
+    measured: MeasuredInput, elements: NDArray[np.intp], u: NDArray[np.float64], spectrum: NDArray[np.float64]
 ) -> Values:
     """Spectrum, its lines with their levels below its maximum [dB], and the power that lines there leave [dB]."""
+    x, targets = measured.snapshot[None, elements], measured.targets
     lines = score_peaks(spectrum[None], u, targets or MOST_LINES)[0]
     heights = np.interp(np.nan_to_num(lines), u, spectrum)
     levels = power_to_db((heights / max(spectrum.max(), np.finfo(np.float64).tiny)) ** 2)
@@ -281,7 +262,7 @@ def _judged(
         order = np.argsort(lines)
         lines, levels = lines[order], levels[order]
     seen = lines[np.isfinite(lines)][None]
-    left = line_amplitudes(x, seen, line)[1] if seen.size else x
+    left = line_amplitudes(x, seen, measured.line(elements))[1] if seen.size else x
     left_db = power_to_db(np.sum(np.abs(left) ** 2) / np.sum(np.abs(x) ** 2))
     return {
         "u": np.asarray(u), "spectrum": spectrum.astype(np.float32), "lines": lines,

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from shared.physics.errors import figure_text
 from shared.signal.windows import cell_noise_power
 from trainer.data.simulation import snapshot
-from trainer.evaluation.experiments.bench import Bench, Numbers, Results, Simulated
+from trainer.evaluation.experiments.bench import Bench, Results, SceneByScene
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.figures import Look, draw_bar, panels
-from trainer.evaluation.report.tables import MetricRow, SummaryColumn
+from trainer.evaluation.report.tables import Condition, Numbers, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.metrics.peaks import false_alarms, noise_level
 from trainer.run.targets import AMPLITUDE, PROBABILITY
@@ -27,7 +27,7 @@ METRIC = "false alarms a noise-only frame"
 SUMMARY = (SummaryColumn("false alarms", METRIC, digits=1),)
 
 
-class NoiseOnly(Simulated):
+class NoiseOnly(SceneByScene):
     """Is anything invented?"""
 
     name = "noise-only"
@@ -38,15 +38,17 @@ class NoiseOnly(Simulated):
         "0.5. Images relative to their own peak have no level and are left out. Bars: 95 % intervals."
     )
     summary = SUMMARY
+    metrics = (METRIC,)
 
     def obstacle(self, bench: Bench) -> str | None:
-        return None if _judged(bench) else "every image is relative to its own peak"
+        return None if self.entrants(bench) else "every image is relative to its own peak"
 
-    def conditions(self, bench: Bench) -> Sequence[str]:
-        return [f"frame={index}" for index in range(min(FRAMES, bench.config.trials))]
+    def conditions(self, bench: Bench) -> Sequence[Condition]:
+        return [{"frame": index} for index in range(min(FRAMES, bench.config.trials))]
 
     def entrants(self, bench: Bench) -> tuple[Contender, ...]:
-        return _judged(bench)
+        """The contenders whose images have an absolute level."""
+        return tuple(one for one in bench.contenders if one.answer.unit in (AMPLITUDE, PROBABILITY))
 
     def scene(self, bench: Bench, place: int) -> NDArray[np.complex64]:
         nothing = np.zeros((0, 3)), np.zeros(0, dtype=np.complex128)
@@ -56,26 +58,18 @@ class NoiseOnly(Simulated):
         noise = cell_noise_power(bench.radar)
         amplitudes = contender.answer.unit == AMPLITUDE
         level = noise_level(contender.answer.line, noise, LEVEL_PROBABILITY) if amplitudes else HALF
-        return {"count": np.asarray(false_alarms(contender.answer.image(scene, noise), level))}
+        return {METRIC: np.asarray(false_alarms(contender.answer.image(scene, noise), level))}
 
-    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
-        for contender in _judged(bench):
-            counts = [float(results[*contender.key, frame]["count"]) for frame in self.conditions(bench)]
-            level = f"{LEVEL_PROBABILITY:g} of das" if contender.answer.unit == AMPLITUDE else f"{HALF:g}"
-            found.mean(contender, METRIC, {"level": level}, counts)
+    def pooled(self, contender: Contender) -> Condition:
+        return {"level": f"{LEVEL_PROBABILITY:g} of das" if contender.answer.unit == AMPLITUDE else f"{HALF:g}"}
 
-    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
-        contenders = _judged(bench)
+    def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
+        contenders = self.entrants(bench)
         look = Look(one.key for one in contenders)
         figure, ((axis,),) = panels(1, 1, (max(5.0, 0.5 * len(contenders) + 1.5), 3.6), self.title)
-        for place, row in enumerate(rows):
+        for place, row in enumerate(found.rows):
             draw_bar(axis, place, row, color=look.colour(row.method))
         axis.set_xticks(range(len(contenders)), [figure_text(c.name) for c in contenders], rotation=60, ha="right")
         axis.set_ylabel(METRIC)
         axis.grid(axis="y", alpha=0.25)
         return {self.name: figure}
-
-
-def _judged(bench: Bench) -> tuple[Contender, ...]:
-    """The contenders whose images have an absolute level."""
-    return tuple(contender for contender in bench.contenders if contender.answer.unit in (AMPLITUDE, PROBABILITY))

@@ -7,7 +7,6 @@ prior or is helped by neighbouring range bins. It is computed on every array, wh
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -18,10 +17,10 @@ from matplotlib.lines import Line2D
 from shared.physics.errors import figure_text
 from trainer.data.simulation import Condition, Trials, no_room, simulate
 from trainer.estimators.ml import MaximumLikelihood
-from trainer.evaluation.experiments.bench import Bench, Numbers, Results, Simulated, values_of
+from trainer.evaluation.experiments.bench import Bench, Results, SceneByScene
 from trainer.evaluation.experiments.contenders import Contender, estimator_contender
 from trainer.evaluation.report.figures import Look, legend_below, panels
-from trainer.evaluation.report.tables import MetricRow, SummaryColumn
+from trainer.evaluation.report.tables import PROBABILITY_OF_RESOLUTION, Numbers, SummaryColumn, condition_text
 from trainer.evaluation.store import Values
 from trainer.metrics.peaks import point_spread, resolved, single_source_bound, strongest_peaks
 
@@ -38,7 +37,7 @@ SINGLES = tuple(Condition(0.0, snr) for snr in SINGLE_SNRS_DB)
 CEILING = "ml"
 LINES = ", lines"
 """After the name of a method whose peaks begin a fit of lines."""
-PROBABILITY_OF_RESOLUTION, ERROR_OVER_BOUND = "probability of resolution", "RMSE over bound"
+ERROR_OVER_BOUND = "RMSE over bound"
 SUMMARY = (
     SummaryColumn("P(resolve) 1 RL", PROBABILITY_OF_RESOLUTION, Condition(1.0, SHOWN_SNR_DB).named),
     SummaryColumn("0.5 RL", PROBABILITY_OF_RESOLUTION, Condition(0.5, SHOWN_SNR_DB).named),
@@ -46,7 +45,7 @@ SUMMARY = (
 """Pairs of equal targets."""
 
 
-class Resolution(Simulated):
+class Resolution(SceneByScene):
     """How close may two targets be, and how well is one placed?"""
 
     name = "resolution"
@@ -65,11 +64,14 @@ class Resolution(Simulated):
     def obstacle(self, bench: Bench) -> str | None:
         return no_room(bench.radar, max(SEPARATIONS))
 
-    def conditions(self, bench: Bench) -> Sequence[str]:
-        return [str(condition) for condition in (*PAIRS, *SINGLES)]
+    def conditions(self, bench: Bench) -> list[dict[str, str]]:
+        return [condition.named for condition in (*PAIRS, *SINGLES)]
 
     def entrants(self, bench: Bench) -> tuple[Contender, ...]:
-        return entrants(bench)
+        """The contenders, those with a fit of lines once more with it, and maximum likelihood on each of the arrays."""
+        others = tuple(contender for contender in bench.contenders if contender.method != CEILING)
+        fitted = tuple(replace(contender, method=contender.method + LINES) for contender in others if contender.fits)
+        return (*others, *fitted, *(estimator_contender(CEILING, array, bench.radar) for array in bench.arrays))
 
     def inputs(self, bench: Bench) -> list[int]:
         return [bench.config.seed, bench.config.trials]
@@ -82,29 +84,26 @@ class Resolution(Simulated):
         return locate_targets(contender, scene)
 
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
-        for contender in entrants(bench):
+        for contender in self.entrants(bench):
             for condition in PAIRS:
-                values = results[*contender.key, str(condition)]
+                values = results[*contender.key, condition_text(condition.named)]
                 both = resolved(values["found"], values["u"])
-                found.share(contender, PROBABILITY_OF_RESOLUTION, condition.named, both)
+                found.mean(contender.key, PROBABILITY_OF_RESOLUTION, condition.named, both)
                 degrees = np.abs(np.rad2deg(values["phase_rad"]))
                 for low, high in PHASE_GROUPS_DEG:
                     group = (degrees >= low) & (degrees <= high)
                     if group.any():
                         of = {**condition.named, "phase": f"{low}-{high} deg"}
-                        found.share(contender, PROBABILITY_OF_RESOLUTION, of, both[group])
+                        found.mean(contender.key, PROBABILITY_OF_RESOLUTION, of, both[group])
             for condition in SINGLES:
-                values, named = results[*contender.key, str(condition)], condition.named
+                values, named = results[*contender.key, condition_text(condition.named)], condition.named
                 errors = (values["found"] - values["u"])[:, 0]  # NaN where none was found
                 bound = single_source_bound(contender.answer.line, 10.0 ** (condition.snr_db / 10.0))
-                found.mean(contender, "bias [bins]", named, errors / bench.radar.grid.step)
-                found.mean(contender, ERROR_OVER_BOUND, named, errors**2 / bound)
-                square = found.rows.pop()
-                root, lower, upper = map(math.sqrt, (square.value, square.low, square.high))
-                found.rows.append(replace(square, value=root, low=lower, high=upper))
+                found.mean(contender.key, "bias [bins]", named, errors / bench.radar.grid.step)
+                found.mean(contender.key, ERROR_OVER_BOUND, named, errors**2 / bound, root=True)
 
-    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
-        contenders, values = entrants(bench), values_of(rows)
+    def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
+        contenders = self.entrants(bench)
         look = Look(one.key for one in contenders)
         size = 3.4 * len(look.arrays) + 0.6, 6.6
         figure, axes = panels(2, len(look.arrays), size, self.title, sharey="row")
@@ -115,11 +114,10 @@ class Resolution(Simulated):
                 "color": "black" if ceiling else look.colour(contender.method), "marker": "o", "ms": 3.5,
                 "lw": 1.3 if ceiling else look.weight(contender.method), "ls": "--" if ceiling else "-",
             }  # fmt: skip
-            pairs = [str(Condition(separation, SHOWN_SNR_DB)) for separation in SEPARATIONS]
-            shares = [values[*contender.key, PROBABILITY_OF_RESOLUTION, pair] for pair in pairs]
-            axes[0, column].plot(SEPARATIONS, shares, **style)
-            ratios = [values[*contender.key, ERROR_OVER_BOUND, str(single)] for single in SINGLES]
-            axes[1, column].plot(SINGLE_SNRS_DB, ratios, **style)
+            pairs = [Condition(separation, SHOWN_SNR_DB).named for separation in SEPARATIONS]
+            axes[0, column].plot(SEPARATIONS, found.values(contender.key, PROBABILITY_OF_RESOLUTION, pairs), **style)
+            singles = [single.named for single in SINGLES]
+            axes[1, column].plot(SINGLE_SNRS_DB, found.values(contender.key, ERROR_OVER_BOUND, singles), **style)
         for column, array in enumerate(look.arrays):
             axes[0, column].set(
                 title=f"{figure_text(array)}: two targets, 20 dB", xlabel="separation [RL]", ylim=(-0.03, 1.03)
@@ -134,13 +132,6 @@ class Resolution(Simulated):
         known = Line2D([], [], color="black", ls="--", lw=2.0, label="ml, the number of targets known")
         legend_below(figure, [*others, known])
         return {self.name: figure}
-
-
-def entrants(bench: Bench) -> tuple[Contender, ...]:
-    """The contenders, those with a fit of lines once more with it, and maximum likelihood on each of the arrays."""
-    others = tuple(contender for contender in bench.contenders if contender.method != CEILING)
-    fitted = tuple(replace(contender, method=contender.method + LINES) for contender in others if contender.fits)
-    return (*others, *fitted, *(estimator_contender(CEILING, array, bench.radar) for array in bench.arrays))
 
 
 def locate_targets(contender: Contender, trials: Trials) -> Values:

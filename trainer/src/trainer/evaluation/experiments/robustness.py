@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from shared.radar.arrays import AntennaArray
 from trainer.data.arrays import ArrayChoice
 from trainer.data.simulation import Condition, Trials, no_room, resolution_cell, simulate, trial_rows
-from trainer.evaluation.experiments.bench import Bench, Numbers, Results, Simulated, values_of
+from trainer.evaluation.experiments.bench import Bench, Results, SceneByScene
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.figures import Look, legend_below, panels
-from trainer.evaluation.report.tables import MetricRow, condition_text
+from trainer.evaluation.report.tables import PROBABILITY_OF_RESOLUTION, Numbers
 from trainer.evaluation.store import Values
 from trainer.metrics.detection import find_image_peaks
 from trainer.metrics.peaks import resolved, strongest_peaks
@@ -54,6 +54,7 @@ SIZES: Mapping[str, Sequence[float]] = {
 }
 """0, or the SNR of all, is the ideal sensor, and the same cell in every list."""
 IDEAL = Impairment("SNR", SNR_DB)
+METRICS = (PROBABILITY_OF_RESOLUTION, "false peaks a trial")
 
 
 def impairments() -> list[Impairment]:
@@ -94,7 +95,7 @@ def channel_factors(
     return factors
 
 
-class Robustness(Simulated):
+class Robustness(SceneByScene):
     """Who depends on a calibrated sensor?"""
 
     name = "robustness"
@@ -104,12 +105,13 @@ class Robustness(Simulated):
         "stated. Upper line: share of pairs found. Lower line: peaks above half of the maximum that belong to no "
         "target."
     )
+    metrics = METRICS
 
     def obstacle(self, bench: Bench) -> str | None:
         return no_room(bench.radar, SEPARATION_CELLS)
 
-    def conditions(self, bench: Bench) -> Sequence[str]:
-        return [condition_text(impairment.named) for impairment in impairments()]
+    def conditions(self, bench: Bench) -> list[dict[str, str]]:
+        return [impairment.named for impairment in impairments()]
 
     def inputs(self, bench: Bench) -> list[int]:
         return [bench.config.seed, bench.config.trials]
@@ -143,25 +145,18 @@ class Robustness(Simulated):
             extra.append(false_peaks(images, radar.grid.u, trials.u, reach))
         return {METRICS[0]: np.concatenate(both), METRICS[1]: np.concatenate(extra)}
 
-    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
-        for contender in bench.contenders:
-            for impairment in impairments():
-                cell = results[*contender.key, condition_text(impairment.named)]
-                found.share(contender, METRICS[0], impairment.named, cell[METRICS[0]])
-                found.mean(contender, METRICS[1], impairment.named, cell[METRICS[1]])
-
-    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
-        look, values = Look(one.key for one in bench.contenders), values_of(rows)
+    def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
+        look = Look(one.key for one in bench.contenders)
         figure, axes = panels(len(METRICS), len(SIZES), (13.0, 5.4), self.title, sharey="row", sharex="col")
         for column, (kind, sizes) in enumerate(SIZES.items()):
             unit = f" [{UNITS[kind]}]" if UNITS[kind] else ""
             axes[-1, column].set_xlabel(f"{kind}{unit}")
+            shown = [IDEAL if kind != "SNR" and size == 0 else Impairment(kind, size) for size in sizes]
             for line, metric in enumerate(METRICS):
                 axis = axes[line, column]
                 axis.grid(alpha=0.25)
                 for contender in bench.contenders:
-                    shown = [IDEAL if kind != "SNR" and size == 0 else Impairment(kind, size) for size in sizes]
-                    means = [values[*contender.key, metric, condition_text(one.named)] for one in shown]
+                    means = found.values(contender.key, metric, [one.named for one in shown])
                     axis.plot(
                         sizes, means, color=look.colour(contender.method), ls=look.line(contender.array.name),
                         marker=look.marker(contender.array.name), ms=3.5, lw=look.weight(contender.method),
@@ -174,9 +169,6 @@ class Robustness(Simulated):
         axes[1, 0].set_ylim(bottom=-0.03)
         legend_below(figure, [*look.method_handles(), *look.array_handles()])
         return {self.name: figure}
-
-
-METRICS = ("probability of resolution", "false peaks a trial")
 
 
 def false_peaks(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -14,17 +14,10 @@ from shared.dataset.reading import open_shard, read_frame
 from shared.physics.errors import figure_text
 from shared.pictures import SPAN_DB, level_db, range_weighted
 from shared.radar import Radar
-from trainer.evaluation.experiments.bench import (
-    Bench,
-    Experiment,
-    FrameRef,
-    Numbers,
-    Results,
-    Task,
-    task_of,
-)
+from trainer.data.motion import known_world
+from trainer.evaluation.experiments.bench import Bench, FrameRef, Results
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.frames import load_frame, one_of_each_scene, static_world, true_magnitude
+from trainer.evaluation.experiments.frames import FrameByFrame, one_of_each_scene, true_magnitude
 from trainer.evaluation.report.figures import image_sheet
 from trainer.evaluation.report.page import (
     PEAKS,
@@ -37,12 +30,12 @@ from trainer.evaluation.report.page import (
     small_picture,
     to_bytes,
 )
-from trainer.evaluation.report.tables import TRUTH, MetricRow
+from trainer.evaluation.report.tables import TRUTH, Numbers
 from trainer.evaluation.store import Values
 from trainer.run.targets import AMPLITUDE
 
 
-class Street(Experiment):
+class Street(FrameByFrame):
     """What do the images look like?"""
 
     name = "street"
@@ -54,28 +47,25 @@ class Street(Experiment):
         "own."
     )
 
-    def tasks(self, bench: Bench) -> Sequence[Task]:
-        tasks = []
-        for ref in shown_frames(bench):
-            inputs = [bench.data_sha256, ref.frame_id]
-            tasks += [
-                task_of(bench, contender, ref.condition, inputs, partial(_levels, contender, ref))
-                for contender in bench.contenders
-            ]
-            tasks.append(task_of(bench, None, ref.condition, inputs, partial(_truth, bench.radar, ref)))
-        return tasks
+    def frames(self, bench: Bench) -> Sequence[FrameRef]:
+        return shown_frames(bench)
 
-    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
-        """A street scene is to be looked at."""
+    def score(self, bench: Bench, contender: Contender, place: int, scene: Frame) -> Values:
+        world = known_world(vars(scene), bench.radar)
+        image, _ = contender.answer.image_and_score(scene.range_channel[0], scene.noise_power, world)
+        return {"levels": to_bytes(scene_levels(image, contender.answer.unit, true_magnitude(scene)))}
 
-    def figures(self, bench: Bench, results: Results, rows: Sequence[MetricRow]) -> dict[str, Figure]:
+    def truths(self, bench: Bench, place: int) -> Mapping[str, Callable[[Frame], Values]]:
+        return {"": partial(_truth, bench.radar, shown_frames(bench)[place])}
+
+    def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
         ref = next((ref for ref in shown_frames(bench) if ref.kind == "scene"), shown_frames(bench)[0])
         truth = np.maximum(from_bytes(results[TRUTH, "", ref.condition]["levels"]), -SPAN_DB)
         drawn = {}
         for array in (one.name for one in bench.arrays):
             of_array = [contender for contender in bench.contenders if contender.array.name == array]
-            found = {one.method: from_bytes(results[*one.key, ref.condition]["levels"]) for one in of_array}
-            levels = {method: np.maximum(image, -SPAN_DB) for method, image in found.items()}
+            images = {one.method: from_bytes(results[*one.key, ref.condition]["levels"]) for one in of_array}
+            levels = {method: np.maximum(image, -SPAN_DB) for method, image in images.items()}
             title = f"{self.title}: {figure_text(ref.scene)}, frame {ref.frame_id}, {figure_text(array)}"
             drawn[f"{self.name}-{array}"] = image_sheet(levels, truth, bench.radar, title)
         return drawn
@@ -104,16 +94,9 @@ def report_frames(bench: Bench, results: Results, dataset: Dataset) -> list[Repo
     return frames
 
 
-def _levels(contender: Contender, ref: FrameRef) -> Values:
-    frame = load_frame(ref)
-    world = static_world(frame, contender.answer.radar)
-    image, _ = contender.answer.image_and_score(frame.range_channel[0], frame.noise_power, world)
-    return {"levels": to_bytes(scene_levels(image, contender.answer.unit, true_magnitude(frame)))}
-
-
-def _truth(radar: Radar, ref: FrameRef) -> Values:
+def _truth(radar: Radar, ref: FrameRef, frame: Frame) -> Values:
     """levels [R, U] of the truth; doppler [R, chirps] levels of the range-Doppler map, and whether it is the whole."""
-    truth = true_magnitude(load_frame(ref))
+    truth = true_magnitude(frame)
     title, magnitude = doppler_map(_with_doppler(ref), radar)
     weighted = range_weighted(magnitude)
     return {

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
+from numpy.typing import ArrayLike
 
 from shared.dataset.writing import atomic
 from shared.physics.errors import printable
+from trainer.metrics.bootstrap import UNDEFINED, Interval, bootstrap_mean, bootstrap_ratio, wilson
 
 TRUTH = "truth"
 """Stands for a method where the truth's own image is shown or scored."""
 AVERAGE_PRECISION = "average precision"
 """Name of the metric that methods are compared by first."""
+PROBABILITY_OF_RESOLUTION = "probability of resolution"
 
 
 Condition = Mapping[str, object]
@@ -50,6 +54,72 @@ class MetricRow:
     low: float
     high: float
     samples: int
+
+
+class Numbers:
+    """The numbers that an experiment finds, as a long table: a row each, of which tables and figures are made.
+
+    :param experiment: its name
+    :param seed: of the bootstrap
+    """
+
+    def __init__(self, experiment: str, seed: int) -> None:
+        self._rows: dict[tuple[str, str, str, str], MetricRow] = {}
+        self.experiment, self.seed = experiment, seed
+
+    @property
+    def rows(self) -> list[MetricRow]:
+        """In the order in which they were found."""
+        return list(self._rows.values())
+
+    def row(self, key: tuple[str, str], metric: str, condition: Condition) -> MetricRow:
+        """The one of this (method, array), metric and condition."""
+        return self._rows[*key, metric, condition_text(condition)]
+
+    def values(self, key: tuple[str, str], metric: str, conditions: Iterable[Condition]) -> list[float]:
+        """A metric of this (method, array) under several conditions, for a line in a figure."""
+        return [self.row(key, metric, condition).value for condition in conditions]
+
+    def add(self, key: tuple[str, str], metric: str, condition: Condition, found: Interval, samples: int = 1) -> None:
+        """A number whose interval is known.
+
+        :param key: (method, array)
+        :param samples: what it is a mean of
+        """
+        row = MetricRow(self.experiment, *key, metric, condition, found.value, found.low, found.high, samples)
+        self._rows[*key, metric, condition_text(condition)] = row
+
+    def known(self, key: tuple[str, str], metric: str, condition: Condition, value: float) -> None:
+        """A number that is not estimated."""
+        self.add(key, metric, condition, Interval(value, value, value))
+
+    def mean(
+        self, key: tuple[str, str], metric: str, condition: Condition, samples: ArrayLike, root: bool = False
+    ) -> None:
+        """The mean of samples with its bootstrap interval.
+
+        Samples that are not finite (a metric that is not defined) do not count; the row says how many did. Of samples
+        that are true or false it is a share, with its Wilson interval, which keeps a width where all end alike.
+
+        :param root: the root of the mean instead
+        """
+        values = np.asarray(samples)
+        if values.dtype == np.bool_:
+            found = wilson(int(values.sum()), len(values))
+        else:
+            values = values[np.isfinite(values)]
+            found = bootstrap_mean(values, self.seed) if len(values) else UNDEFINED
+        if root:
+            found = Interval(*map(math.sqrt, (found.value, found.low, found.high)))
+        self.add(key, metric, condition, found, len(values))
+
+    def ratio(
+        self, key: tuple[str, str], metric: str, condition: Condition, parts: ArrayLike, wholes: ArrayLike
+    ) -> None:
+        """A ratio of sums over frames with its bootstrap interval over the frames; NaN where the whole is nothing."""
+        part, whole = np.asarray(parts, dtype=np.float64), np.asarray(wholes, dtype=np.float64)
+        found = bootstrap_ratio(part, whole, self.seed) if whole.sum() > 0 else UNDEFINED
+        self.add(key, metric, condition, found, len(whole))
 
 
 @dataclass(frozen=True)
