@@ -84,7 +84,7 @@ def test_the_same_input_makes_the_same_bytes_and_scaling_changes_no_digit(
 
 @settings(max_examples=EXAMPLES)
 @given(radars(), echoes(), st.floats(-np.pi, np.pi), st.randoms(use_true_random=False))
-def test_the_float64_sum_order_phase_and_superposition(radar: Radar, paths: ScatteredPaths, phase: float, chance) -> None:
+def test_sum_order_phase_and_superposition(radar: Radar, paths: ScatteredPaths, phase: float, chance) -> None:
     order = list(range(len(paths)))
     chance.shuffle(order)
     turned = replace(paths, amplitude=paths.amplitude * np.exp(1j * phase)).take(np.array(order))

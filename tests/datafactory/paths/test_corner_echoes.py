@@ -48,6 +48,9 @@ def test_level_and_phase_hold_from_twice_its_size_to_the_far_field(distance_m, b
     ours, theirs = corner_echo(faces), reference_echo(faces)
     assert abs(level_db(ours, theirs)) < bound_db
     assert abs(np.angle(ours / theirs)) < np.radians(10.0)
+    if distance_m == 60.0:  # far away the aperture, 2 a sin(45 deg - |turn|) wide, says how much it loses
+        narrower = np.sin(np.radians(45.0 - abs(turned_deg))) / np.sin(np.radians(45.0))
+        assert abs(level_db(ours, narrower * corner_echo(dihedral(60.0, 0.1, 0.1)))) < 0.1
 
 
 def test_unequal_faces_end_where_the_shorter_one_does():

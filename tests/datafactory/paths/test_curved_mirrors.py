@@ -63,6 +63,8 @@ def test_a_cylinder_seen_broadside(radius, length, distance, segments, rings):
     for turn in (0.0, 0.1, 0.37):
         table = traced(body(of, (distance, 0.0, 0.0), Rotation.from_euler("z", turn)))
         assert abs(level_db(table, cylinder_amplitude(radius, length, distance))) < 0.25
+    lying = traced(body(of, (distance, 0.0, 0.0), Rotation.from_euler("zx", [turn, 0.5 * np.pi])))
+    assert abs(amplitudes(lying)[0]) == pytest.approx(abs(amplitudes(table)[0]), rel=1e-6)
 
 
 @pytest.mark.parametrize(("radius", "segments", "distance", "end_deg"), [(0.5, 24, 5.0, 0.05), (2.0, 90, 12.0, 0.024)])

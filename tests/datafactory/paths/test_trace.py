@@ -262,6 +262,8 @@ def test_an_oblique_rough_panel_returns_the_radar_integral():
     fans = [RayFan(20_000, (k / 8.0, (0.618 * k) % 1.0)) for k in range(8)]
     found = np.mean([power(traced(panel, fan=fan).scattered) for fan in fans])
     assert decibels(found / expected) == pytest.approx(0.0, abs=0.1)
+    lattice = traced(panel, rays=400_000, fan=WholeSphere(400_000))
+    assert decibels(power(lattice.scattered) / expected) == pytest.approx(0.0, abs=0.1)
 
 
 def test_the_fan_leaves_sionna_as_it_was():
