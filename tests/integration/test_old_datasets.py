@@ -1,6 +1,6 @@
 """Datasets of code before this one are read as they are; columns that came later say that nothing is known.
 
-Each of tests/old_datasets was made by the commit of its name, of which the first had no columns time, sequence and boxes:
+Each of tests/old_datasets was made by the commit of its name; the first had no columns time, sequence and boxes:
 
     datafactory render scenes/tiny.usda --radar tests/old_datasets/radar.toml --frames 1 --points 1 --split 1:0:0 \
         --seed 1 --rays 2000 --out DIR
