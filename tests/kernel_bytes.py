@@ -15,7 +15,10 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
+from datafactory.paths import corner_aperture, facets, geometry, thinning
+from datafactory.paths.rims import Rim
 from datafactory.synthesis import doppler_moments, frame_lines, lines, mid_frame, spread
+from shared.signal import near_field_kernels
 from trainer.estimators.array import LineArray
 from trainer.estimators.fitting import GroupTest, RangePlace, fit_groups, fit_lines
 
@@ -106,6 +109,45 @@ def truth() -> Arrays:
         yield grid
 
 
+def seen() -> Arrays:
+    """What image rows see of paths."""
+    draw, count = numbers(6), 20_000
+    bins, power = np.sort(draw.uniform(0.0, 1024.0, count)), 10.0 ** draw.uniform(-9.0, 0.0, count)
+    doppler, slack, rows = draw.uniform(-100.0, 100.0, count), draw.uniform(0.0, 1.0, count), draw.integers(0, 128, 630)
+    result = np.zeros((128, count), dtype=bool)
+    mid_frame._mark_seen(bins, doppler, slack, power, rows, 12.0, 1024.0, result)
+    yield result
+
+
+def near_field() -> Arrays:
+    """A row's matrix, whole and folded."""
+    rx, u = numbers(7).uniform(-0.2, 0.2, (64, 3)), np.linspace(0.0, 0.8, 225)
+    pairs = near_field_kernels.Pairs(np.zeros((1, 3)), rx, np.zeros(64, dtype=np.int64), np.arange(64))
+    row = near_field_kernels.Row(134.0, 20.0, u, REFERENCE_HZ / 3e8, BANDWIDTH_HZ / 3e8, np.float32(1.0 / 64.0))
+    whole, even, odd = np.empty((3, 3, 64, 2, len(u)), dtype=np.float32)
+    near_field_kernels.fill_matrix(pairs, row, whole)
+    near_field_kernels.fill_folded(pairs, row, even, odd)
+    yield from (whole, even, odd)
+
+
+def plates() -> Arrays:
+    """Shares of mirrors, lines of sight, apertures of corners, and thinning: without fast-math flags."""
+    draw = numbers(8)
+    points, along, across = draw.uniform(-3.0, 3.0, (3, 1000, 3))
+    rim = Rim.of(draw.uniform(-3.0, 3.0, (40, 2, 3)))
+    up, of_one = np.array([[0.0, 0.0, 1.0]]), np.zeros(1000, dtype=np.int64)
+    yield facets._mirror_shares(
+        rim, np.tile([0, len(rim.radius)], (1000, 1)), points, along, up, of_one, np.abs(across[:, 0])
+    )
+    yield from geometry._lines(points, 20.0 * across)
+    corner, away = np.arange(1000) % 50, np.ascontiguousarray(along[:, 0])
+    cells, bend = (corner, away, np.abs(across)), tuple(draw.uniform(0.1, 1.0, (3, 50)))
+    edge, face = (points[:50], along[:50]), (across[:50], points[50:100])
+    for first in (True, False):
+        yield corner_aperture._points_before_faces(np.arange(3000), first, cells, bend, edge, face)
+    yield thinning._factors(np.arange(1000), np.arange(0, 1001, 50), np.abs(away), 20, draw.random(20))
+
+
 def line_fit() -> Arrays:
     """Two lines in noise, row by row and in groups of three range bins."""
     draw, array = numbers(9), LineArray(np.array([0.0, 2.0, 5.0, 9.0, 14.0, 20.0]) * 2e-3, 3.9e-3)
@@ -121,7 +163,9 @@ def line_fit() -> Arrays:
         yield np.nan_to_num(found.u)
 
 
-KERNELS: dict[str, Callable[[], Arrays]] = {kernel.__name__: kernel for kernel in (chirp, along_lines, truth, line_fit)}
+KERNELS: dict[str, Callable[[], Arrays]] = {
+    kernel.__name__: kernel for kernel in (chirp, along_lines, truth, seen, near_field, plates, line_fit)
+}
 
 
 def inner_first() -> None:

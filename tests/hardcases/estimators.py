@@ -1,4 +1,4 @@
-"""Hard cases of the direction estimators: noise alone, and a target that is 200 dB above another.
+"""Hard cases of the direction estimators: no noise, noise alone, and a target that is 200 dB above another.
 
 Every estimator of ``trainer.estimators`` is asked; the worst of them is the measurement.
 """
@@ -35,6 +35,13 @@ def _not_finite(images: list[NDArray]) -> float:
     return float(sum(np.count_nonzero(~(np.isfinite(image) & (image >= 0.0))) for image in images))
 
 
+def _rank_one() -> float:
+    """Grid steps between lone targets free of noise and the peaks that an estimator draws; AIC meets exact zeros."""
+    columns = np.array([20, 85, 140])
+    images = (image for array in (SPARSE, FULL) for image in _images(array.manifold(U[columns]).T, array, 0.0))
+    return float(max(np.abs(image.argmax(axis=1) - columns).max() for image in images))
+
+
 def _noise_alone() -> float:
     """Largest magnitude that an estimator draws in noise alone, over the noise's own in one channel.
 
@@ -57,6 +64,7 @@ def _strong_beside_weak() -> float:
 
 
 CASES = (
+    HardCase("estimators, rank one, no noise", "AIC's logarithm of zero eigenvalues", 1.0, "grid steps", _rank_one),
     HardCase("estimators on noise alone", "sparse solvers blow noise up", 3.0, "times the noise", _noise_alone),
     HardCase("200 dB between targets", "a covariance of condition 1e40", 0.0, "not finite", _strong_beside_weak),
 )

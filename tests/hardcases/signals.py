@@ -61,6 +61,13 @@ def _antiphase_residual() -> float:
     return float(np.abs(cube).max())
 
 
+def _antiphase_by_geometry() -> float:
+    """Error of the cube of two echoes a quarter wavelength apart, relative to one of them."""
+    radar = small_radar()
+    paths = points([[15.0, 0.0, 0.0], [15.0 + 0.25 * radar.waveform.wavelength_m, 0.0, 0.0]])
+    return float(np.abs(cube_of_paths(paths, radar) - if_cube(paths, radar)).max())
+
+
 def _crowd(spread_m: float) -> float:
     """Error of the cube of 100 000 echoes within ``spread_m`` of one point: of nearly one phase, or of any."""
     radar = _monostatic(small_radar(samples=32, chirps=1))
@@ -168,7 +175,13 @@ CASES = (
         _weak_echo_level_db,
     ),
     HardCase("antiphase, same place", "a sum of zero leaves rounding noise", 1e-6, "of one echo", _antiphase_residual),
+    HardCase(
+        "antiphase by a quarter wavelength", "cancellation magnifies errors of phase", 2e-6, "of one echo",
+        _antiphase_by_geometry,
+    ),
     HardCase("100 000 paths in one cell", "float32 running sums lose digits", 1e-6, "relative", lambda: _crowd(1e-4)),
+    HardCase("100 000 incoherent paths in one cell", "small errors that all have one sign", 1e-6, "relative",
+             lambda: _crowd(0.02)),
     HardCase("100 000 equal paths", "rounding errors of one sign add up", 1e-6, "relative", _equal_crowd),
     HardCase("Doppler at the ambiguity", "+v_max and -v_max are one cell", 0.0, "cells", lambda: _doppler_cell(-8, 0)),
     HardCase("Doppler at +v_max", "the upper edge is not on the axis", 0.0, "cells", lambda: _doppler_cell(8, 0)),
@@ -180,6 +193,8 @@ CASES = (
              lambda: _degenerate(_short_chirp())),
     HardCase("one channel", "no aperture", 1e-6, "relative", lambda: _degenerate(_one_channel())),
     HardCase("one range bin", "row 0 alone", 1e-6, "relative", lambda: _degenerate(small_radar(range_bins=1))),
+    HardCase("odd samples and chirps", "centres between samples", 1e-6, "relative",
+             lambda: _degenerate(small_radar(samples=63, chirps=7))),
     HardCase("2^15 samples", "phases over 5 km of range", 1e-6, "relative", _long_sweep),
     HardCase("carriers 24 to 300 GHz", "constants of 77 GHz", 1e-6, "relative or bins", _carriers),
 )  # fmt: skip

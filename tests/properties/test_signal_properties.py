@@ -12,6 +12,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from oracles import if_cube
 from path_tables import random_table
 
 from datafactory.paths.table import PathTable, ScatteredPaths
@@ -83,11 +84,12 @@ def test_the_same_input_makes_the_same_bytes_and_scaling_changes_no_digit(
 
 @settings(max_examples=EXAMPLES)
 @given(radars(), echoes(), st.floats(-np.pi, np.pi), st.randoms(use_true_random=False))
-def test_order_phase_and_superposition(radar: Radar, paths: ScatteredPaths, phase: float, chance) -> None:
+def test_sum_order_phase_and_superposition(radar: Radar, paths: ScatteredPaths, phase: float, chance) -> None:
     order = list(range(len(paths)))
     chance.shuffle(order)
     turned = replace(paths, amplitude=paths.amplitude * np.exp(1j * phase)).take(np.array(order))
     whole = cube_of(paths, radar)
+    assert same(whole, if_cube(PathTable(paths), radar), paths)
     assert same(cube_of(turned, radar), whole * np.exp(1j * phase), paths)
     half = len(paths) // 2
     parts = cube_of(paths.take(np.arange(half)), radar) + cube_of(paths.take(np.arange(half, len(paths))), radar)

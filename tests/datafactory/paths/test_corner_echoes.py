@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from corner_scenes import (
+    Rectangle,
     Sight,
     corner_echo,
     corners_seen,
@@ -47,6 +48,9 @@ def test_level_and_phase_hold_from_twice_its_size_to_the_far_field(distance_m, b
     ours, theirs = corner_echo(faces), reference_echo(faces)
     assert abs(level_db(ours, theirs)) < bound_db
     assert abs(np.angle(ours / theirs)) < np.radians(10.0)
+    if distance_m == 60.0:  # far away the aperture, 2 a sin(45 deg - |turn|) wide, says how much it loses
+        narrower = np.sin(np.radians(45.0 - abs(turned_deg))) / np.sin(np.radians(45.0))
+        assert abs(level_db(ours, narrower * corner_echo(dihedral(60.0, 0.1, 0.1)))) < 0.1
 
 
 def test_unequal_faces_end_where_the_shorter_one_does():
@@ -72,6 +76,14 @@ def test_off_a_right_angle_it_loses_what_the_integral_says(opening_deg):
     faces = dihedral(20.0, 0.1, 0.1, opening_deg=opening_deg)
     ours, theirs, whole = (corner_echo(faces), reference_echo(faces), reference_echo(dihedral(20.0, 0.1, 0.1)))
     assert abs(ours - theirs) < 0.05 * abs(whole)
+
+
+@pytest.mark.parametrize("distance_m", [2.0, 6.0])
+def test_a_wall_on_the_ground_seen_from_half_a_metre(distance_m):
+    """A wall across the x axis, and the ground from it to beyond the sensor."""
+    foot, aside = np.array([distance_m, -0.2, -0.5]), np.array([0.0, 0.4, 0.0])
+    faces = [Rectangle(foot, aside, np.array(into)) for into in ((-1.5 * distance_m, 0.0, 0.0), (0.0, 0.0, 1.5))]
+    assert abs(level_db(corner_echo(faces), reference_echo(faces, spacing_m=WAVELENGTH_M / 4.0))) < 0.3
 
 
 def test_the_inner_corner_of_two_houses_is_an_image_of_the_radar():

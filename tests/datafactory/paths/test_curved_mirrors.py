@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from curved_bodies import (
+    capsule,
     cylinder,
     ellipsoid,
     icosphere,
@@ -31,7 +32,7 @@ from curved_scenes import (
     turned,
 )
 from oracles import LIGHT_MPS, scattered_delays, specular_delays
-from scipy.optimize import minimize
+from scipy.optimize import brentq, minimize
 from scipy.spatial.transform import Rotation
 from scipy.special import fresnel
 from sionna_scenes import WAVELENGTH_M, mesh, plate
@@ -62,6 +63,53 @@ def test_a_cylinder_seen_broadside(radius, length, distance, segments, rings):
     for turn in (0.0, 0.1, 0.37):
         table = traced(body(of, (distance, 0.0, 0.0), Rotation.from_euler("z", turn)))
         assert abs(level_db(table, cylinder_amplitude(radius, length, distance))) < 0.25
+    lying = traced(body(of, (distance, 0.0, 0.0), Rotation.from_euler("zx", [turn, 0.5 * np.pi])))
+    assert abs(amplitudes(lying)[0]) == pytest.approx(abs(amplitudes(table)[0]), rel=1e-6)
+
+
+@pytest.mark.parametrize(("radius", "segments", "distance", "end_deg"), [(0.5, 24, 5.0, 0.05), (2.0, 90, 12.0, 0.024)])
+def test_a_half_cylinder_ends(radius, segments, distance, end_deg):
+    """Its middle reflects as a cylinder's does, the line at its end half as much, and beyond it there is none."""
+    half, centre = tube(radius, 1.0, segments, turn=np.pi), (distance, 0.0, 0.0)  # from +x over +y to -x
+    whole = amplitudes(traced(body(cylinder(radius, 1.0, 2 * segments), centre)))[0]
+
+    def seen(degrees: float) -> PathTable:
+        return traced(body(half, centre, Rotation.from_euler("z", degrees, degrees=True)))
+
+    assert amplitudes(seen(90.0))[0] == pytest.approx(whole, rel=1e-3)
+    assert amplitudes(seen(end_deg))[0] == pytest.approx(0.5 * whole, rel=0.06)
+    assert seen(-0.1).scattered.range_m() == pytest.approx([distance + radius])  # the hollow of the far side is left
+    for degrees in (0.3, 0.8, 1.5, 3.0):  # towards its end the share fades as the Fresnel integral does
+        end_m, curved = radius * np.sin(np.radians(degrees)), 1.0 / radius + 1.0 / (distance - radius)
+        sine, cosine = fresnel(2.0 * end_m * np.sqrt(curved / WAVELENGTH_M))
+        expected = ((0.5 + cosine) + 1j * (0.5 + sine)) / (1.0 + 1.0j)
+        assert abs(amplitudes(seen(degrees))[0] / whole - expected) < 0.05
+
+
+def test_a_capsule_is_a_cylinder_from_the_side_and_a_sphere_from_its_ends():
+    of, middle = capsule(0.3, 1.5, 32), np.array([6.0, 0.0, 0.0])
+    assert abs(level_db(traced(body(of, middle)), cylinder_amplitude(0.3, 1.5, 6.0))) < 0.3
+    for degrees in (90.0, 60.0, 25.0):
+        turn = Rotation.from_euler("y", -degrees, degrees=True)
+        nearest = min(np.linalg.norm(middle + turn.apply([0.0, 0.0, end])) for end in (-0.75, 0.75))
+        assert abs(level_db(traced(body(of, middle, turn)), sphere_amplitude(0.3, float(nearest)))) < 0.3
+
+
+@pytest.mark.parametrize(("segments", "bound_db"), [(48, 0.4), (72, 0.2), (120, 0.1)])
+@pytest.mark.parametrize("seed", range(6))
+def test_an_ellipsoid_as_long_as_a_car(segments, bound_db, seed):
+    """From the curvatures at its point p nearest to the radar, h the distance of the tangent plane from the centre.
+
+    The Gaussian curvature is h^4 / (a b c)^2 and the mean curvature h^3 (a^2 + b^2 + c^2 - |p|^2) / (2 (a b c)^2) (do
+    Carmo).
+    """
+    radii, turn, centre = (2.2, 0.9, 0.7), turned(seed), np.array([9.0, 1.0, -0.5])
+    a2, eye = np.square(radii), turn.inv().apply(-centre)
+    point = a2 * eye / (a2 + brentq(lambda t: np.sum(a2 * (eye / (a2 + t)) ** 2) - 1.0, 0.0, 100.0))
+    h, range_m = 1.0 / np.linalg.norm(point / a2), np.linalg.norm(eye - point)
+    gauss, twice_mean = h**4 / np.prod(a2), h**3 * (a2.sum() - point @ point) / np.prod(a2)
+    expected = WAVELENGTH_M / (8.0 * np.pi * range_m) / np.sqrt(1.0 + twice_mean * range_m + gauss * range_m**2)
+    assert abs(level_db(traced(body(ellipsoid(radii, segments), centre, turn)), expected)) < bound_db
 
 
 @pytest.mark.parametrize("steps", [4, 40])

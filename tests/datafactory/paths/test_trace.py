@@ -251,6 +251,21 @@ def test_a_rough_wall_returns_the_radar_integral(rays, offset):
     assert decibels(power(table.scattered) / lambertian_plane(10.0)) == pytest.approx(0.0, abs=0.15)
 
 
+def test_an_oblique_rough_panel_returns_the_radar_integral():
+    """lambda^2 / (4 pi)^3 int sigma0 dA / R^4 by the midpoint rule; fans of 8 offsets, whose mean errs by 0.04 dB."""
+    panel = plate("panel", (8.0, 1.0, 0.5), (0.5, 1.5, 0.0), (0.0, 0.0, 1.0), "rough")
+    step = (np.arange(400) + 0.5) / 200 - 1.0
+    position = np.array([8.0, 1.0, 0.5]) + step[:, None, None] * [0.5, 1.5, 0.0] + step[None, :, None] * [0.0, 0.0, 1.0]
+    area, square = 4.0 * np.array([1.5, -0.5, 0.0]), np.sum(position**2, axis=2)
+    sigma0 = 4.0 * SCATTERING**2 * (position @ area) ** 2 / (area @ area) / square
+    expected = WAVELENGTH_M**2 / (4.0 * np.pi) ** 3 * np.mean(sigma0 / square**2) * np.linalg.norm(area)
+    fans = [RayFan(20_000, (k / 8.0, (0.618 * k) % 1.0)) for k in range(8)]
+    found = np.mean([power(traced(panel, fan=fan).scattered) for fan in fans])
+    assert decibels(found / expected) == pytest.approx(0.0, abs=0.1)
+    lattice = traced(panel, rays=400_000, fan=WholeSphere(400_000))
+    assert decibels(power(lattice.scattered) / expected) == pytest.approx(0.0, abs=0.1)
+
+
 def test_the_fan_leaves_sionna_as_it_was():
     from sionna.rt.path_solvers import sb_candidate_generator, sb_deterministic
     from sionna.rt.utils import fibonacci_lattice

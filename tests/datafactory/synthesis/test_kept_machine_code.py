@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 SCRIPT = Path(__file__).parents[2] / "kernel_bytes.py"
-KERNELS = ("chirp", "along_lines", "truth", "line_fit")
+KERNELS = ("chirp", "along_lines", "truth", "seen", "near_field", "plates", "line_fit")
 
 
 def digests(folder: Path, *arguments: str) -> dict[str, str]:

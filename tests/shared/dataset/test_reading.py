@@ -66,19 +66,6 @@ def test_another_reader_can_draw_the_image_from_one_shard_alone(tmp_path, reader
     np.testing.assert_allclose(image, delay_and_sum(make_frame(1).range_channel[0], RADAR), rtol=1e-4, atol=1e-6)
 
 
-@pytest.mark.parametrize("later", [{"time": np.nan, "sequence": -1}, {"boxes": ()}], ids=" ".join)
-def test_a_shard_made_before_a_column_came_is_read_as_it_is(tmp_path, later):
-    """Columns came without a new version."""
-    frames, path = [dataclasses.replace(make_frame(n), time=2.5, sequence=7) for n in range(3)], tmp_path / "s.parquet"
-    write(path, frames)
-    assert [(back.time, back.sequence) for back in read_frames(path)] == [(2.5, 7)] * 3
-    pq.write_table(pq.read_table(path).drop_columns(list(later)), path, row_group_size=1)
-    for back, frame in zip(read_frames(path), frames, strict=True):
-        assert str({name: getattr(back, name) for name in later}) == str(later)  # NaN is not NaN
-        assert_same(dataclasses.replace(back, **{name: getattr(frame, name) for name in later}), frame)
-    assert read_frame(path, 2, columns=["image", "boxes"]).boxes == later.get("boxes", frames[2].boxes)
-
-
 def test_a_shard_of_a_newer_version_or_of_something_else_is_refused(tmp_path):
     path = tmp_path / "shard.parquet"
     write(path, [make_frame(0)])

@@ -20,7 +20,7 @@ def _phasor(cycles: float) -> tuple[float, float]:
     return phasor(cycles)
 
 
-@given(st.one_of(st.floats(-0.5, 0.5), st.integers(-4000, 4000).map(lambda k: k / 8.0), st.floats(-1e6, 1e6)))
+@given(st.one_of(st.floats(-0.5, 0.5), st.integers(-4000, 4000).map(lambda k: k / 8.0), st.floats(-1e9, 1e9)))
 def test_phasor_is_exact_to_1e_15(cycles):
     # x - round(x) is exact in float64 (Sterbenz), so that even 1e6 cycles lose nothing more.
     cosine, sine = _phasor(cycles)
@@ -42,7 +42,7 @@ def test_sweep_positions_are_centred_on_the_window(samples):
 
 
 @pytest.mark.parametrize("reach", [0.25, 0.8, 1.5])
-@pytest.mark.parametrize("terms", [1, 5, 14])
+@pytest.mark.parametrize("terms", [1, 3, 5, 9, 14])
 def test_shift_polynomials_keep_their_bound(reach, terms):
     nu = sweep_positions(65)
     z = np.linspace(-reach, reach, 101)

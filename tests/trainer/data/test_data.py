@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-import math
 import pickle
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 import torch
 from pyarrow.fs import LocalFileSystem, SubTreeFileSystem
@@ -19,9 +15,7 @@ from tiny_radar import RADAR, frame, small_dataset, write_dataset
 from torch.utils.data import DataLoader
 
 from shared.dataset import Box
-from shared.dataset.documents import sealed
 from shared.dataset.locations import RemotePath
-from shared.dataset.writing import write_json
 from shared.physics.errors import InputError
 from trainer.data.dataset import RadarDataset
 from trainer.data.shards import ShardDataset
@@ -147,21 +141,6 @@ def test_an_example_holds_the_frame(tmp_path: Path) -> None:
         assert tuple(metadata[name].tolist()) == getattr(stored, name)
     np.testing.assert_array_equal(data.range_m, RADAR.waveform.ranges_m)
     np.testing.assert_array_equal(data.u, RADAR.grid.u)
-
-
-def test_an_older_dataset_has_no_time(tmp_path: Path) -> None:
-    write_dataset(tmp_path / "data", {"test": [frame(1)]})
-    (shard,) = (tmp_path / "data" / "test").iterdir()
-    older = pq.read_table(shard).drop_columns(["time", "sequence"])
-    pq.write_table(older, shard, row_group_size=1)
-    manifest = tmp_path / "data" / "manifest.json"
-    stated = json.loads(manifest.read_text())
-    content = shard.read_bytes()
-    stated["shards"][0] |= {"bytes": len(content), "sha256": hashlib.sha256(content).hexdigest()}
-    write_json(manifest, sealed(stated))
-    metadata = RadarDataset(tmp_path / "data", "test")[0].metadata
-    assert math.isnan(metadata["time"])
-    assert metadata["sequence"] == -1
 
 
 def test_an_array_chooses_the_channels(tmp_path: Path) -> None:
