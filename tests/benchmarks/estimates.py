@@ -15,6 +15,7 @@ import typer
 
 from datafactory.api.asking import materials_of, order_of
 from datafactory.api.options import OrderOptions
+from datafactory.frame.chain import SceneSource
 from datafactory.paths import scattered, trace
 from datafactory.paths.candidates import MIRRORED, Candidates
 from datafactory.paths.density import cell_numbers
@@ -60,7 +61,8 @@ def sums(candidates: Candidates, notice: Notice) -> Real:
     row, column, columns = cell_numbers(range_m, arrival, notice.radar, notice.truth_window)
     bins = notice.radar.waveform.range_bins
     power = np.where(row < bins, notice.power_w(candidates), 0.0) / scattered.SURE
-    return np.bincount(np.minimum(row, bins - 1) * columns + column, power, bins * columns)
+    found = np.bincount(np.minimum(row, bins - 1) * columns + column, power, bins * columns)
+    return found.astype(np.float64, copy=False)
 
 
 def main(scene: str, frames: Annotated[int, typer.Option()] = 6) -> None:
@@ -70,7 +72,7 @@ def main(scene: str, frames: Annotated[int, typer.Option()] = 6) -> None:
     assert notice is not None
     trace.SecondBounces = Kept  # type: ignore[misc]
     for frame_id in range(frames):
-        job.source(frame_id).traced(order.radar)
+        SceneSource(job.deal.frame(frame_id), job.scenes[0], job.of_scenes).traced(order.radar)
         for name, group in (("mirrored", MIRRORED), ("twice", scattered.TWICE)):
             print(frame_id, name, told(Kept.last.estimates(group), notice), flush=True)
 
