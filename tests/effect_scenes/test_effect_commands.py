@@ -33,18 +33,28 @@ def test_plan_prints_json_and_nothing_else(scene_arguments, tmp_path: Path) -> N
         set(item) == {"effect", "on", "reason", "evidence", "cost_seconds", "loss_db"} for item in printed["effects"]
     )
     assert [item["effect"] for item in printed["effects"] if item["on"]] == EXPECTED["parked_car"]["effects"]
-    assert {item["cost_seconds"] for item in printed["effects"]} == {0.0}
+    assert {item["cost_seconds"] for item in printed["effects"]} == {None}
     assert json.loads((out / "plan.json").read_text(encoding="utf-8")) == printed
     assert (out / "plan.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_plan_prints_a_table(scene_arguments) -> None:
     printed = run("plan", *scene_arguments, "--no-times", "--error-budget", -5)
-    rows = [line.split("│")[1:3] for line in printed.splitlines() if line.count("│") > 5]
-    shown = {effect.strip(): state.strip() for effect, state in rows if effect.strip()}
+    rows = [line.split("│")[1:7] for line in printed.splitlines() if line.count("│") > 5]
+    shown = {effect.strip(): state.strip() for effect, state, *_ in rows if effect.strip()}
     assert list(shown) == list(NAMES)
+    assert {cost.strip() for *_, cost, _ in rows} == {""}  # not measured
     # At -5 dB the edges' echoes, 10 dB below the rough rear, still stand above the noise.
     assert [name for name, state in shown.items() if state == "on"] == EXPECTED["parked_car"]["effects"]
+    assert "the limit is the receiver's noise" in " ".join(" ".join(why.strip() for _, _, why, *_ in rows).split())
+
+
+def test_plan_tells_the_decision_of_a_run_without_noise(scene_arguments) -> None:
+    """Where the budget counts alone, the edges of the test before are left out."""
+    _, said, _ = ended("plan", *scene_arguments, "--json", "--no-times", "--no-noise", "--error-budget", -5)
+    reasons = {item["effect"]: item["reason"] for item in json.loads(said)["effects"] if not item["on"]}
+    assert "below the error budget" in reasons["diffraction"]
+    assert reasons["noise"] == "receiver noise is not asked for"
 
 
 @pytest.fixture
@@ -88,7 +98,8 @@ def test_traced_paths_cannot_get_other_paths_afterwards(small, tmp_path: Path) -
     run("trace", *small, "--effects", "diffuse,noise", "--out", traced)
     from_paths = ["render", "--paths", traced, *radar, "--workers", 1]
     assert "traced without specular" in refused(*from_paths, "--effects", "all", "--out", tmp_path / "other")
-    run(*from_paths, "--effects", "diffuse", "--out", silent)
+    said = run(*from_paths, "--effects", "diffuse,near_field", "--out", silent)
+    assert "near_field made no difference" in " ".join(said.split())
     assert made_with(silent) == ["diffuse", "near_field"]
     document = manifest(traced)
     del document["arguments"]["effects"], document["sha256"]

@@ -155,7 +155,7 @@ def test_doctor_as_json_holds_the_findings(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_counts_are_told_in_words_where_they_are_asked_for() -> None:
     counts = {"frames": 2, "rays": 100, "truncated": 1, "mirrors_hidden": 0, "frames_with_noise": 2, "new_count": 7}
-    effects = "effects simulated: in 2 frames noise; never corners"
-    counts["frames_with_corners"] = 0
+    effects = "effects simulated: in 2 frames noise; in 1 frame doppler; never corners"
+    counts |= {"frames_with_corners": 0, "frames_with_doppler": 1}
     assert told(counts, verbose=False) == [f"1 {MEANINGS['truncated']}", effects]
     assert told(counts, verbose=True) == ["100 rays sent", f"1 {MEANINGS['truncated']}", "7 new count", effects]

@@ -27,13 +27,15 @@ from shared.dataset import Frame
 from shared.physics.errors import InputError
 from shared.radar import FrontEnd, Radar
 
+NOISE, BUDGET = "the receiver's noise", "the error budget"
 
-def a_frame_plan(**change_db: float) -> FramePlan:
+
+def a_frame_plan(limit: str = NOISE, **change_db: float) -> FramePlan:
     """A frame made with what is named here at more than -60 dB, and with nothing else."""
     losses = {name: Loss(change_db[name], 0.25, 0.05) if name in change_db else Loss() for name in NAMES}
     bounds: dict[str, float] = {name: change_db[name] for name in ("diffraction", "corners") if name in change_db}
     made = {name: change_db.get(name, FLOOR_DB) > -60.0 for name in NAMES}
-    return FramePlan(made, losses, bounds, frozenset(name for name in bounds if made[name]))
+    return FramePlan(made, losses, bounds, frozenset(name for name in bounds if made[name]), limit)
 
 
 def test_a_plan_in_json_is_the_contract_s() -> None:
@@ -54,15 +56,17 @@ def test_a_plan_in_json_is_the_contract_s() -> None:
 
 
 def test_a_reason_says_by_what_and_in_how_many_frames() -> None:
-    some = [a_frame_plan(diffuse=-12.34, diffraction=-44.4), a_frame_plan(diffuse=-14.0, diffraction=-70.0)]
+    some = [a_frame_plan(diffuse=-12.34, diffraction=-44.4), a_frame_plan(BUDGET, diffuse=-14.0, diffraction=-70.0)]
     plan = plan_of_scene("scene", some, DEFAULT_BUDGET_DB)
     reasons = {item.effect: item.reason for item in plan.decisions}
-    assert "-12.3 dB of the peak without it, in 2 of 2 frames" in reasons["diffuse"]
-    assert "-44.4 dB of the peak without it, in 1 of 2 frames" in reasons["diffraction"]
+    assert reasons["diffuse"].endswith(": -12.3 dB of the peak without it, in 2 of 2 frames")
+    kept = "-44.4 dB of the peak without it, in 1 of 2 frames; the limit is the receiver's noise"
+    assert reasons["diffraction"].endswith(kept)  # that of the frame which has it
+    assert ": 0.0 dB" in plan_of_scene("scene", [a_frame_plan(diffuse=-0.04)], -30.0).decisions[1].reason
     assert reasons["corners"] == "no two faces at a right angle look at the radar"
     left_out = plan_of_scene("scene", [a_frame_plan(corners=-75.0)], DEFAULT_BUDGET_DB)
     reason = next(item.reason for item in left_out.decisions if item.effect == "corners")
-    assert "each at most -75.0 dB of the peak" in reason
+    assert reason.endswith("each at most -75.0 dB of the peak, all of it below the receiver's noise")
     hidden = replace(a_frame_plan(corners=-20.0), effects=dict.fromkeys(NAMES, False))
     reason = next(i.reason for i in plan_of_scene("scene", [hidden], -30.0).decisions if i.effect == "corners")
     assert "nothing of it is in sight" in reason
@@ -182,7 +186,14 @@ def test_effects_are_read_from_the_command_line() -> None:
     assert EffectSet.of({"noise", "specular"}).names == ("specular", "noise")
 
 
-@pytest.mark.parametrize("text", ["specular,nonsense", "Specular", "auto,noise", "a\nb", ""])
+@pytest.mark.parametrize("text", ["auto,noise", "all,near_field", "noise,all"])
+def test_auto_and_all_stand_alone(text: str) -> None:
+    alone = "auto" if "auto" in text else "all"
+    with pytest.raises(InputError, match=f"^--effects: '{alone}' beside other names; expected {alone} alone"):
+        parse_effects(text)
+
+
+@pytest.mark.parametrize("text", ["specular,nonsense", "Specular", "a\nb", ""])
 def test_a_name_that_does_not_exist_is_refused(text: str) -> None:
     with pytest.raises(InputError) as caught:
         parse_effects(text)

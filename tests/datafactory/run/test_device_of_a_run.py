@@ -18,7 +18,7 @@ from datafactory.api.asking import device_of, order_of
 from datafactory.api.forecasting import forecast
 from datafactory.api.options import Announce, OrderOptions, silent
 from datafactory.paths.backend import CudaDevice
-from datafactory.run import shards
+from datafactory.run import pipeline, shards
 from datafactory.run.memory import processes
 from datafactory.run.pipeline import Report
 from datafactory.synthesis import cube
@@ -81,6 +81,15 @@ def test_auto_is_settled_before_the_run_and_refused_where_it_changes(tmp_path, s
     monkeypatch.setattr(asking, "cuda_device", lambda: NONE)
     with pytest.raises(InputError, match=r"--resume: device is 'cpu', but the run in .* had 'cuda'"):
         points(tmp_path / "run", "auto", resume=True)
+
+
+def test_that_kernels_are_compiled_first_is_said_once(tmp_path, monkeypatch):
+    """By the process of the command, where frames are to be made and the kernels are not kept."""
+    for name, kept, resume, times in (("run", False, False, 1), ("run", False, True, 0), ("other", True, False, 0)):
+        said: list[str] = []
+        monkeypatch.setattr(pipeline, "is_kept", lambda kernel, kept=kept: kept)
+        points(tmp_path / name, "cpu", resume=resume, announce=said.append, frames=1)
+        assert sum("compiled for this machine, once" in line for line in said) == times
 
 
 def test_one_worker_has_the_gpu_unless_more_are_asked_for(tmp_path, stand_in):

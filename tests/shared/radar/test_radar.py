@@ -70,6 +70,14 @@ def test_axes_of_the_default_radar():
     assert waveform.slope_hz_per_s * waveform.chirp_duration_s == pytest.approx(1e9)
 
 
+def test_one_chirp_tells_no_velocity():
+    told = str(Radar().of_one_chirp)
+    assert "1 chirp of 1024 samples" in told
+    assert "velocity: one chirp tells none" in told
+    assert "128 chirps of" in str(Radar())
+    assert "velocity: +-12 m/s in steps of 0.187 m/s" in str(Radar())
+
+
 def test_velocity_axis_of_an_odd_number_of_chirps():
     velocities = Waveform(chirps=5).velocities_mps
     np.testing.assert_allclose(velocities, -velocities[::-1])

@@ -246,7 +246,7 @@ class PointsOptions(RunOptions, OutputOptions, SignalOptions, DealOptions, Radar
     targets: Annotated["TargetsLike", TARGETS] = ()
 
 
-class PlanOptions(TellingOptions, DeviceOptions, SamplingOptions, PosedOptions, ScenesOptions,
+class PlanOptions(TellingOptions, DeviceOptions, SignalOptions, SamplingOptions, PosedOptions, ScenesOptions,
                   heading="Effects and accuracy"):
     error_budget: Annotated[float | None, replace(
         BUDGET, help="What leaving an effect out may cost [dB].", usual=DEFAULT_BUDGET_DB)] = None

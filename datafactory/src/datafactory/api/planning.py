@@ -12,7 +12,6 @@ from threadpoolctl import threadpool_limits
 from datafactory.api.asking import materials_of, order_of
 from datafactory.api.declared import common, taking
 from datafactory.api.options import OrderOptions, PlanOptions
-from datafactory.effects.catalogue import NAMES
 from datafactory.effects.plan import EffectPlan, plan_of_frame, plan_of_scene
 from datafactory.effects.proof import Proof, costs, prove
 from datafactory.frame.deal import DealtFrame, PreparedScene
@@ -30,7 +29,7 @@ class ScenePlan(Told):
 
     :param plan: of all frames that were looked at
     :param frames: their number
-    :param seconds: effect -> processor seconds of a frame; zeros where they were not measured
+    :param seconds: effect -> processor seconds of a frame; empty where they were not measured
     :param proof: how far a frame as it decides is from that of every effect, where asked for
     """
 
@@ -45,11 +44,11 @@ class ScenePlan(Told):
         on, off = ([item.effect for item in decided if item.on is wanted] for wanted in (True, False))
         counted = f"{self.frames} frame{'' if self.frames == 1 else 's'} looked at"
         told = [
-            f"plan of {self.plan.scene}: {counted}, effects below {self.plan.budget_db:g} dB are left out",
+            f"plan of {self.plan.scene}: {counted}, error budget {self.plan.budget_db:g} dB",
             f"on: {', '.join(on) or 'none'}",
             f"off: {', '.join(off) or 'none'}",
         ]
-        if any(self.seconds.values()):
+        if self.seconds:
             told.append(f"the effects cost {sum(self.seconds.values()):.2f} processor seconds a frame")
         return "\n".join(told)
 
@@ -57,7 +56,7 @@ class ScenePlan(Told):
         """What ``datafactory plan --json`` prints."""
         document = self.plan.to_json()
         for item in document["effects"]:
-            item["cost_seconds"] = round(self.seconds[item["effect"]], 3)
+            item["cost_seconds"] = round(self.seconds[item["effect"]], 3) if self.seconds else None
         if self.proof is not None:
             document["proof"] = {name: round(value, 3) for name, value in vars(self.proof).items()}
         return document
@@ -97,7 +96,7 @@ def _planned(order: Order, scene: PreparedScene, frames: Sequence[DealtFrame], a
         asked.progress(f"frames of {scene.name}", number, len(frames))
         found.append(plan_of_frame(frame, scene, radar, settings))
     told = plan_of_scene(scene.name, found, order.budget_db)
-    seconds, proof = dict.fromkeys(NAMES, 0.0), None
+    seconds, proof = dict[str, float](), None
     if frames and asked.times:
         seconds = costs(
             frames[0], scene, radar, settings, told, lambda done, total, name: asked.progress(name, done, total)

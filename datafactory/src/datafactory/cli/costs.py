@@ -65,7 +65,8 @@ def _effects(document: dict[str, Any]) -> Table:
         rows.append(
             (
                 item["effect"], "on" if item["on"] else "off", item["reason"], "" if nothing else item["evidence"],
-                f"{item['cost_seconds']:.2f}", "" if nothing else f"{item['loss_db']:.1f}",
+                "" if item["cost_seconds"] is None else f"{item['cost_seconds']:.2f}",
+                "" if nothing else f"{item['loss_db']:.1f}",
             )
         )  # fmt: skip
     title = f"{document['scene']}: error budget {document['budget_db']:g} dB"

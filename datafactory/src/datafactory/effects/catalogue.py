@@ -96,14 +96,14 @@ NAMES = ALL.names
 def parse_effects(text: str) -> EffectSet | None:
     """``--effects``: None for ``auto``, everything for ``all``, else a list of names separated by commas.
 
-    :raises InputError: a name that does not exist
+    :raises InputError: a name that does not exist, ``auto`` or ``all`` beside others
     """
-    if text == AUTO:
-        return None
-    if text == "all":
-        return ALL
     names = [name.strip() for name in text.split(",") if name.strip()]
+    if names in ([AUTO], ["all"]):
+        return None if names == [AUTO] else ALL
     for name in names:
+        if name in (AUTO, "all"):
+            raise InputError("--effects", f"{name!r} beside other names", f"{name} alone, or names without it")
         if name not in NAMES:
             expected = f"auto, all, or some of {','.join(NAMES)}{meant(name, (AUTO, 'all', *NAMES))}"
             raise InputError("--effects", repr(name), expected)

@@ -38,7 +38,7 @@ from datafactory.paths.notice import Notice
 from datafactory.paths.table import PathTable
 from shared.dataset.writing import atomic
 from shared.physics.units import power_to_db
-from shared.physics.vectors import Real
+from shared.physics.vectors import Mask, Real
 from shared.radar import Radar
 from shared.signal.windows import cell_noise_power
 
@@ -133,6 +133,7 @@ ABSENT = {
     "intra_chirp_motion": "nothing moves, neither the radar nor anything that it sees",
     "antenna_pattern": "the radar's elements are isotropic",
     "rcs_targets": "the scene has no target with a radar cross section",
+    "noise": "receiver noise is not asked for",
 }
 """Why an effect has nothing to work on."""
 
@@ -188,12 +189,14 @@ class FramePlan:
     :param losses: by name, what it loses without
     :param bounds_db: the strongest candidate of an effect [dB of the peak], of those that have any
     :param followed: effects with a candidate that the radar would notice
+    :param limit: which of both the frame is held against, the one that is lower
     """
 
     effects: Mapping[str, bool]
     losses: Mapping[str, Loss]
     bounds_db: Mapping[str, float]
     followed: frozenset[str]
+    limit: str
 
 
 def plan_of_frame(frame: DealtFrame, scene: PreparedScene, radar: Radar, settings: ChainSettings) -> FramePlan:
@@ -209,15 +212,18 @@ def plan_of_frame(frame: DealtFrame, scene: PreparedScene, radar: Radar, setting
     every = illuminated(complete, settings, radar)
     peak = float(cell_power(every, radar, window).max(initial=0.0))
     table = complete.table.at_wavelength(complete.wavelength_m, radar.waveform.wavelength_m)
-    bounds, followed = _weighed(table, notice, peak)
-    return FramePlan(
-        {**path_effects(kept), **narrow.signal_effects(radar)}, losses(every, radar, window), bounds, followed
-    )
+    decided, lost = Decided.of(table, notice), losses(every, radar, window)
+    if not settings.processing.noise:
+        lost["noise"] = Loss()
+    bounds, followed = _weighed(table, notice, decided.worth, peak)
+    by_noise = notice.below_noise and decided.limit_w == cell_noise_power(radar)
+    limit = "the receiver's noise" if by_noise else "the error budget"
+    return FramePlan({**path_effects(kept), **narrow.signal_effects(radar)}, lost, bounds, followed, limit)
 
 
-def _weighed(table: PathTable, notice: Notice, peak: float) -> tuple[dict[str, float], frozenset[str]]:
+def _weighed(table: PathTable, notice: Notice, worth: Mask, peak: float) -> tuple[dict[str, float], frozenset[str]]:
     """The strongest candidate of every effect [dB of the peak], and the effects that are followed."""
-    power, worth = notice.power_w(table.candidates), Decided.of(table, notice).worth
+    power = notice.power_w(table.candidates)
     bounds, followed = dict[str, float](), set[str]()
     for name, families in FAMILIES.items():
         own = np.isin(table.candidates.family, families) & (power > 0.0)
@@ -253,18 +259,25 @@ def _reason(name: str, frames: Sequence[FramePlan], worst: Loss) -> str:
     what, having = DESCRIPTIONS[name].split(";")[0], sum(frame.effects[name] for frame in frames)
     in_frames = "" if len(frames) == 1 else f", in {having} of {len(frames)} frames"
     bound_db = max((frame.bounds_db[name] for frame in frames if name in frame.bounds_db), default=FLOOR_DB)
+    limit = " or ".join(dict.fromkeys(frame.limit for frame in frames if frame.effects[name] or not having))
     if having and name in NO_CHOICE:
         return f"{what}: leaving it out saves nothing{in_frames}"
     if having and worst.change_db <= FLOOR_DB:
         return f"{what}{in_frames}"
     if having:
-        return f"{what}: {worst.change_db:.1f} dB of the peak without it{in_frames}"
+        held = f"; the limit is {limit}" if name in {*FAMILIES, "doppler"} else ""
+        return f"{what}: {_told(worst.change_db)} of the peak without it{in_frames}{held}"
     if bound_db <= FLOOR_DB and worst.change_db <= FLOOR_DB:
         return ABSENT.get(name, what)
     if any(name in frame.followed for frame in frames):
         return f"{what}: looked for, nothing of it is in sight"
     level_db = bound_db if bound_db > FLOOR_DB else worst.change_db
-    return f"{what}: each at most {level_db:.1f} dB of the peak, all of it below the frame's limit"
+    return f"{what}: each at most {_told(level_db)} of the peak, all of it below {limit}"
+
+
+def _told(level_db: float) -> str:
+    """Without the minus that rounding leaves of nothing."""
+    return f"{round(level_db, 1) + 0.0:.1f} dB"
 
 
 ON, OFF = "#1b6ca8", "#b8b8b8"
@@ -291,8 +304,8 @@ def draw(plan: EffectPlan, cost_seconds: Mapping[str, float], path: Path) -> Non
     share.barh(place - 0.2, cells, height=0.38, color=colours, alpha=0.45, label="of the occupied cells")
     share.set(xlim=(0.0, 100.0), xlabel="share that it changes [%]")
     share.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, 1.09), ncols=2, frameon=False)
-    price.barh(place, [cost_seconds[name] for name in names], color=colours)
-    price.set(xlabel="cost [s of one core a frame]")
+    price.barh(place, [cost_seconds.get(name, 0.0) for name in names], color=colours)
+    price.set(xlabel="cost [s of one core a frame]" if cost_seconds else "cost: not measured")
     figure.suptitle(f"{plan.scene}: effects simulated (blue) and left out (grey)", fontsize=10)
     with atomic(path) as partial:
         figure.savefig(partial, format="png", dpi=130)

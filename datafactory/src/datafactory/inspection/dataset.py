@@ -143,6 +143,9 @@ def told(counts: Mapping[str, float], verbose: bool) -> list[str]:
     if made_with:
         numbers = sorted(set(made_with.values()), reverse=True)
         having = {count: ", ".join(name for name, n in made_with.items() if n == count) for count in numbers}
-        told_each = (f"in {count:.0f} frames {names}" if count else f"never {names}" for count, names in having.items())
+        told_each = (
+            f"in {count:.0f} frame{'' if count == 1 else 's'} {names}" if count else f"never {names}"
+            for count, names in having.items()
+        )
         lines.append(f"effects simulated: {'; '.join(told_each)}")
     return lines

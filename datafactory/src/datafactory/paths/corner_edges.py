@@ -137,7 +137,7 @@ def _of_body(body: Body) -> CornerEdges:
     """The corners of one body, whose faces and triangles count from 0."""
     faces, triangles = planar_faces_of(body), body.corners
     origin, along, across = _lines(faces, triangles)
-    pieces, pair, sides = _all_strips(
+    pieces, pair, sides = all_strips(
         triangles, *faces.members(), faces.pairs, origin, along, np.ascontiguousarray(across)
     )
     into = across[pair] * sides[:, :, None]
@@ -198,7 +198,7 @@ def _runs(pair: Index, sides: Real, pieces: Real, turned: Mask) -> tuple[Index, 
 
 
 @compiled()
-def _all_strips(triangles, order, starts, pairs, origin, along, across):
+def all_strips(triangles, order, starts, pairs, origin, along, across):
     """The strips [S, 6] of all four quarters of every pair, with the pair [S] and the sides [S, 2] of each."""
     found, owner, sides = np.zeros((1024, 6)), np.zeros(1024, dtype=np.int64), np.zeros((1024, 2))
     count = 0

@@ -11,8 +11,9 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from datafactory.defaults import LOCAL
+from datafactory.defaults import CPU, LOCAL
 from datafactory.effects.catalogue import ALL
+from datafactory.paths.corner_edges import all_strips
 from datafactory.paths.trace import find_shapes
 from datafactory.run.memory import processes_ahead, require_room, workers_for
 from datafactory.run.portions import Engine, PortionWork, Writer, deal_out
@@ -20,8 +21,10 @@ from datafactory.run.preparation import Order, Recipe, load_of, opened_scenes, p
 from datafactory.run.progress import FinishedShard, begin, claimed, completed, fingerprint, finish, handed_over
 from datafactory.run.shards import ARGUMENT, ENTRY, ArrayJob, JobEntry, portions_of, provenance
 from datafactory.scenes.materials.table import MaterialTable
+from datafactory.synthesis.doppler_moments import add_doppler_moments
 from shared.dataset import VERSION
 from shared.dataset.locations import Location
+from shared.physics.compiled import is_kept
 from shared.signal.tdm import statement
 
 Announce = Callable[[str], None]
@@ -93,6 +96,13 @@ def produce(recipe: Recipe, execution: Execution, started: float) -> Report:
     for path in earlier.damaged:
         execution.announce(f"{path} is not as it was recorded and is made again")
     todo = [plan for plan in plans if plan not in earlier.shards]
+    # Two kernels stand for all: that of right angles in scenes, and the truth's, which comes after the cube's.
+    right_angles, truth = job.scenes and job.of_scenes.trace.corners, not job.paths_alone and job.settings.device == CPU
+    dear = [kernel for kernel, used in ((all_strips, right_angles), (add_doppler_moments, truth)) if used]
+    if todo and not all(map(is_kept, dear)):
+        execution.announce("what makes frames is compiled for this machine, once; that takes a minute or more")
+    for scene in job.scenes if todo else ():  # found here once for all workers
+        find_shapes(scene.merged, job.of_scenes.trace)
     portions = portions_of(todo, execution.engine.at_a_time(execution.workers))
     made = Writer(job, directory, mark)
     with handed_over(directory) as folder:
@@ -154,6 +164,4 @@ def render(order: Order, table: MaterialTable, execution: Execution, paths_alone
         if not paths_alone and (said := statement(order.radar)):
             execution.announce(said)
         recipe = prepare(order, table, execution.announce, paths_alone)
-        for scene in recipe.job.scenes:  # found here once for all workers
-            find_shapes(scene.merged, recipe.job.of_scenes.trace)
         return produce(recipe, execution, started)

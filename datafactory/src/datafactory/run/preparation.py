@@ -344,7 +344,7 @@ def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> Pr
 
 def _named_in_vain(order: Order) -> str:
     """What to say of effects that were chosen and are no choice; "" without such."""
-    if order.effects is None or order.effects == ALL or order.traced is not None:
+    if order.effects is None or order.effects == ALL:
         return ""
     named = ", ".join(name for name in NO_CHOICE if getattr(order.effects, name))
     return f"--effects: {named} made no difference: simulated wherever something to work on is" if named else ""

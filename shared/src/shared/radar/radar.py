@@ -110,13 +110,17 @@ class Radar(Told, BaseModel):
     def __str__(self) -> str:
         waveform, grid = self.waveform, self.grid
         sent = "all TX at once" if waveform.multiplexing == "simultaneous" else "TX in turn"
+        chirps, velocity = "1 chirp", "one chirp tells none"
+        if waveform.chirps > 1:
+            chirps, step = f"{waveform.chirps} chirps", waveform.velocity_step_mps
+            velocity = f"+-{waveform.velocity_span_mps / 2.0:.3g} m/s in steps of {step:.3g} m/s"
         return "\n".join([
             f"radar {self.name}: {waveform.carrier_hz / 1e9:g} GHz, {waveform.bandwidth_hz / 1e6:g} MHz swept, "
-            f"{waveform.chirps} chirps of {waveform.samples} samples, {sent}",
+            f"{chirps} of {waveform.samples} samples, {sent}",
             f"array: {self.array}",
             f"range: {waveform.range_bins} bins of {waveform.range_step_m:.3g} m, to "
             f"{waveform.range_bins * waveform.range_step_m:.3g} m; "
-            f"velocity: +-{waveform.velocity_span_mps / 2.0:.3g} m/s in steps of {waveform.velocity_step_mps:.3g} m/s",
+            f"velocity: {velocity}",
             f"image: {waveform.range_bins} x {grid.bins} (range, u), u from {grid.u_start:g} to {grid.u_stop:g}",
             f"truth: of {self.virtual_sensor.channels} channels",
         ])  # fmt: skip
