@@ -200,7 +200,7 @@ def _array(batch: pa.RecordBatch, name: str, row: int, shape: Sequence[int]) -> 
     if name not in batch.schema.names:
         if name in ("range_doppler", "cube"):
             return None
-        values = np.empty((0, *shape[1:]), dtype=np.float32)
+        values: NDArray[Any] = np.empty((0, *shape[1:]), dtype=np.float32)
     else:
         # to_numpy would import pandas where there is one.
         values = np.from_dlpack(batch.column(name).slice(row, 1).flatten()).reshape(shape)
