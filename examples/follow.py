@@ -37,12 +37,15 @@ def main(
     patience: Annotated[float, typer.Option(help="Without a new frame for so long the recording is over [s].")] = 5.0,
 ) -> None:
     measuring = load_radar(radar)
+    predictor = Predictor.load(model, measuring)
+    # Kernels are loaded before the first frame comes.
+    shape = measuring.waveform.chirps, measuring.waveform.samples, measuring.array.channels
+    predictor.cube(np.ones(shape, np.complex64))
     if file is None:
         OUT.mkdir(parents=True, exist_ok=True)
         file = OUT / "recording.c64"
         file.unlink(missing_ok=True)
         threading.Thread(target=play, args=(file, measuring, frames, rate), daemon=True).start()
-    predictor = Predictor.load(model, measuring)
     skipped, late, began = 0, [], 0.0
     for number, cube, whole_at in growing(file, measuring, patience):
         began = began or time.monotonic()

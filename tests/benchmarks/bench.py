@@ -33,6 +33,7 @@ import decided
 import devices
 import images
 import line_fits
+import predicted
 import starts
 from record import NotInstalledError, Record
 from workloads import FULL, QUICK, Size, Workload
@@ -51,6 +52,8 @@ BENCHMARKS: dict[str, Callable[[Workload], Record]] = {
     "truth_on_cuda_vs_compiled": partial(devices.truth, device="cuda"),
     "lines_of_a_dense_frame_vs_omp_cfar": line_fits.dense_frame,
     "lines_of_192_channels_vs_omp_cfar": line_fits.wide_board,
+    "images_of_a_frame_vs_omp_cfar": partial(predicted.one_frame, points=False),
+    "images_and_points_of_a_frame_vs_omp_cfar": partial(predicted.one_frame, points=True),
     "datafactory_help_vs_numpy": partial(starts.help_of, program="datafactory"),
     "trainer_help_vs_numpy": partial(starts.help_of, program="trainer"),
     "first_frame_vs_numpy": starts.first_frame,

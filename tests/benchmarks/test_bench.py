@@ -49,6 +49,8 @@ LARGEST_ERROR = {
     "truth_on_cuda_vs_compiled": 3e-3,
     "lines_of_a_dense_frame_vs_omp_cfar": 0.0,
     "lines_of_192_channels_vs_omp_cfar": 0.0,
+    "images_of_a_frame_vs_omp_cfar": 0.0,
+    "images_and_points_of_a_frame_vs_omp_cfar": 0.0,
     "datafactory_help_vs_numpy": 0.0,
     "trainer_help_vs_numpy": 0.0,
     "first_frame_vs_numpy": 0.0,

@@ -200,9 +200,10 @@ def _array(batch: pa.RecordBatch, name: str, row: int, shape: Sequence[int]) -> 
     if name not in batch.schema.names:
         if name in ("range_doppler", "cube"):
             return None
-        values = np.empty((0, *shape[1:]), dtype=np.float32)
+        values: NDArray[Any] = np.empty((0, *shape[1:]), dtype=np.float32)
     else:
-        values = batch.column(name).slice(row, 1).flatten().to_numpy().reshape(shape)
+        # to_numpy would import pandas where there is one.
+        values = np.from_dlpack(batch.column(name).slice(row, 1).flatten()).reshape(shape)
     return values.view(np.complex64)[..., 0] if name in COMPLEX_ARRAYS else values
 
 

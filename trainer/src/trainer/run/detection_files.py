@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from shared.dataset.writing import write_text
 from shared.signal.ego_motion import EgoMotion
@@ -40,13 +41,24 @@ MOTION = pa.field("motion", pa.struct([pa.field(name, pa.float64(), nullable=Fal
 PCD_FIELDS = ("x", "y", "z", "intensity", "velocity", "probability", "moving")
 
 
-def records(found: Detections) -> list[dict[str, float | None]]:
-    """One dictionary a detection, ``moving`` None where it is not known."""
-    columns = (
+def plain_array(values: NDArray, known: NDArray[np.bool_] | None = None) -> pa.Array:
+    """Values one after the other, null where not ``known``. ``pa.array`` would import pandas where there is one."""
+    valid = None if known is None else pa.py_buffer(np.packbits(known, bitorder="little"))
+    kind, data = pa.from_numpy_dtype(values.dtype), pa.py_buffer(np.ascontiguousarray(values))
+    return pa.Array.from_buffers(kind, values.size, [valid, data])
+
+
+def _values(found: Detections) -> tuple[NDArray, ...]:
+    """In the order of :data:`UNITS`."""
+    return (
         found.range_m, found.u, found.velocity, found.amplitude_db, found.u_std, found.probability,
         found.range_std, found.velocity_std, found.moving, found.doppler_cell, found.snr_db,
     )  # fmt: skip
-    rows = zip(*(column.tolist() for column in columns), strict=True)
+
+
+def records(found: Detections) -> list[dict[str, float | None]]:
+    """One dictionary a detection, ``moving`` None where it is not known."""
+    rows = zip(*(values.tolist() for values in _values(found)), strict=True)
     return [
         {name: None if math.isnan(value) else value for name, value in zip(UNITS, row, strict=True)} for row in rows
     ]
@@ -54,13 +66,20 @@ def records(found: Detections) -> list[dict[str, float | None]]:
 
 def column(found: Detections) -> pa.Array:
     """One frame's entry of the column ``detections``."""
-    return pa.array([records(found)], COLUMN.type)
+    fields = list(DETECTION)
+    filled = [
+        plain_array(values.astype(field.type.to_pandas_dtype()), ~np.isnan(values) if field.nullable else None)
+        for field, values in zip(fields, _values(found), strict=True)
+    ]
+    rows = pa.StructArray.from_arrays(filled, fields=fields)
+    return pa.ListArray.from_arrays(plain_array(np.array([0, len(found)], np.int32)), rows, type=COLUMN.type)
 
 
 def motion_column(motion: EgoMotion | None) -> pa.Array:
     """One frame's entry of the column ``motion``."""
-    values = None if motion is None else (motion.forward_mps, motion.left_mps, *motion.std_mps)
-    return pa.array([None if values is None else dict(zip(MOTION_UNITS, values, strict=True))], MOTION.type)
+    values = (0.0,) * 4 if motion is None else (motion.forward_mps, motion.left_mps, *motion.std_mps)
+    filled = [plain_array(np.array([value], np.float64)) for value in values]
+    return pa.Array.from_buffers(MOTION.type, 1, [pa.py_buffer(b"\0" if motion is None else b"\1")], children=filled)
 
 
 def write_csv(path: Path, frames: Sequence[tuple[int, Detections]]) -> None:

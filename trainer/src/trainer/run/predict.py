@@ -31,6 +31,7 @@ from trainer.run.detection_files import (
     MOTION_UNITS,
     column,
     motion_column,
+    plain_array,
     write_csv,
     write_pcd,
 )
@@ -123,7 +124,7 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
             for seen in measurements:
                 found = predictor(seen)
                 row = {
-                    "frame_id": pa.array([seen.frame_id], pa.int64()),
+                    "frame_id": plain_array(np.array([seen.frame_id])),
                     "image": _row(found.image, schema.field("image").type),
                     "velocity": _row(found.velocity, schema.field("velocity").type),
                 }
@@ -182,7 +183,7 @@ def _picture(out: Path, answer: Answer, found: Prediction) -> None:
 
 
 def _row(values: NDArray[np.float32], kind: pa.DataType) -> pa.Array:
-    return pa.FixedSizeListArray.from_arrays(pa.array(np.ascontiguousarray(values).reshape(-1)), type=kind)
+    return pa.FixedSizeListArray.from_arrays(plain_array(values), type=kind)
 
 
 def _schema(answer: Answer, points: PointsRequest | None) -> pa.Schema:
