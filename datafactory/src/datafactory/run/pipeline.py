@@ -80,6 +80,7 @@ def produce(recipe: Recipe, execution: Execution, started: float) -> Report:
     """
     directory, job, manifest = execution.directory, recipe.job, recipe.manifest
     arguments, plans = manifest["arguments"], job.plans
+    mark = fingerprint(arguments)  # a job's is that of the run in one piece
     if execution.job is not None:
         plans = execution.job.own(plans)
         arguments = {**arguments, ARGUMENT: str(execution.job)}
@@ -88,7 +89,6 @@ def produce(recipe: Recipe, execution: Execution, started: float) -> Report:
     if begin(directory, arguments, execution.resume):
         execution.announce(f"{directory} is already complete")
         return Report(directory, frames, 0, len(plans), {}, time.perf_counter() - started)
-    mark = fingerprint(arguments)
     earlier = completed(directory, plans, mark)
     for path in earlier.damaged:
         execution.announce(f"{path} is not as it was recorded and is made again")
@@ -102,8 +102,7 @@ def produce(recipe: Recipe, execution: Execution, started: float) -> Report:
     counts = total_counts(finished)
     if execution.job is not None:
         split = None if job.paths_alone else job.deal.split
-        entry = JobEntry(frames=len(job.deal), split=split, counts=tuple(item.counts for item in finished))
-        manifest = {**manifest, ENTRY: entry.model_dump()}
+        manifest = {**manifest, ENTRY: JobEntry(frames=len(job.deal), split=split).model_dump()}
     seconds = time.perf_counter() - started
     finish(
         directory,
