@@ -23,8 +23,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from datafactory.accuracy.knobs import KNOBS, POWER_KNOBS, REFERENCE_DEPTH, SIGNAL_KNOBS, KnobSettings, Menu, Sample
-from datafactory.accuracy.looking import Advance, Clock, Outcome, made, reference_of
+from datafactory.accuracy.looking import Clock, Outcome, made, reference_of
 from datafactory.accuracy.power import Errors, Kept, paired_error, peak_error, power_error, relative_l2
+from datafactory.defaults import Progress
 from datafactory.paths.solver import TraceSettings
 from shared.radar import Radar
 
@@ -143,19 +144,19 @@ def power_price(samples: Sequence[Sample], menu: Menu, knob: str, value: float, 
     )
 
 
-def measure_prices(samples: Sequence[Sample], menu: Menu, advance: Advance) -> Prices:
+def measure_prices(samples: Sequence[Sample], menu: Menu, advance: Progress) -> Prices:
     """The prices of a whole menu."""
     prices = list[Price]()
     total, traces = len(list(menu.settings())), Kept()
-    advance(0, total, "reference")
+    advance("reference", 0, total)
     if not menu.paths_only:
         bench = Bench(samples, menu.usual)
         for knob, value in menu.settings(*SIGNAL_KNOBS):
-            advance(len(prices), total, f"{knob} {value}")
+            advance(f"{knob} {value}", len(prices), total)
             prices.append(bench.price(knob, value)[0])
         del bench  # many rays need the room
     for knob, value in menu.settings(*POWER_KNOBS):
-        advance(len(prices), total, f"{knob} {value}")
+        advance(f"{knob} {value}", len(prices), total)
         prices.append(power_price(samples, menu, knob, value, traces))
     return Prices(prices=tuple(prices))
 

@@ -10,12 +10,12 @@ import os
 import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from datafactory.defaults import LOCAL
+from datafactory.defaults import LOCAL, Announce, Progress
 from datafactory.run.memory import free_bytes
 from datafactory.run.pipeline import Report, total_counts
 from datafactory.run.progress import (
@@ -41,7 +41,6 @@ from shared.radar import validated
 
 MOST_RANGES = 12
 """Ranges of missing frames that are named."""
-Advance = Callable[[str, int, int], None]
 OF_JOBS = ("arguments", "counts", "shards", ENTRY, MADE)
 """Entries of a job's manifest that the dataset's has otherwise, or not at all."""
 
@@ -113,7 +112,7 @@ def makers(jobs: Sequence[FinishedJob], begun: Sequence[Path]) -> dict[ShardPlan
     return {plan: found[plan] for plan in plans}
 
 
-def shards_of_all(jobs: Sequence[FinishedJob], todo: Mapping[ShardPlan, FinishedJob], advance: Advance) -> Sources:
+def shards_of_all(jobs: Sequence[FinishedJob], todo: Mapping[ShardPlan, FinishedJob], advance: Progress) -> Sources:
     """What the jobs noted of shards, each checked by its SHA-256.
 
     A shard that two jobs made, because the array was cut in another way in between, is taken once.
@@ -190,9 +189,7 @@ def _listed(items: Sequence[str]) -> str:
     return ", ".join(items[:MOST_RANGES]) + (f", and {more} more" if more > 0 else "")
 
 
-def merge(
-    folders: Sequence[Path], directory: Path, resume: bool, announce: Callable[[str], None], advance: Advance
-) -> Report:
+def merge(folders: Sequence[Path], directory: Path, resume: bool, announce: Announce, advance: Progress) -> Report:
     """Join the jobs' shards into one dataset.
 
     :param folders: each that of a job, or one in which jobs have theirs

@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from datafactory.defaults import LOCAL
+from datafactory.defaults import LOCAL, Announce, Progress
 from datafactory.effects.catalogue import ALL
 from datafactory.paths.trace import find_shapes
 from datafactory.run.memory import processes_ahead, require_room, workers_for
@@ -23,9 +23,6 @@ from datafactory.scenes.materials.table import MaterialTable
 from shared.dataset import VERSION
 from shared.dataset.locations import Location
 from shared.signal.tdm import statement
-
-Announce = Callable[[str], None]
-Advance = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -57,7 +54,7 @@ class Execution:
     :param job: make the shards of this job alone; ``directory`` is then the job's own
     :param engine: where shards are made
     :param announce: takes lines for the user: material mappings, warnings
-    :param advance: takes frames done and frames in all
+    :param advance: takes "frames", those done, and those in all
     """
 
     directory: Location
@@ -67,7 +64,7 @@ class Execution:
     job: ArrayJob | None = None
     engine: Engine = field(default_factory=Engine)
     announce: Announce = lambda line: None
-    advance: Advance = lambda done, total: None
+    advance: Progress = lambda stage, done, total: None
 
 
 def produce(recipe: Recipe, execution: Execution, started: float) -> Report:
@@ -97,7 +94,9 @@ def produce(recipe: Recipe, execution: Execution, started: float) -> Report:
     made = Writer(job, directory, mark)
     with handed_over(directory) as folder:
         pool = execution.engine.pool(PortionWork(job, folder), len(portions), execution.workers)
-        deal_out(portions, pool, made, execution.keep_going, lambda left: execution.advance(frames - left, frames))
+        deal_out(
+            portions, pool, made, execution.keep_going, lambda left: execution.advance("frames", frames - left, frames)
+        )
     finished = [(earlier.shards | made.shards)[plan] for plan in plans]
     counts = total_counts(finished)
     if execution.job is not None:
