@@ -37,7 +37,7 @@ BOUNCE_S = 1.2e-6
 """Of a ray's bounce: 0.9 s for 2e5 rays of 4 steps on the shipped street."""
 TRUTH_S = 4e-6
 """Of a path's moments in the truth of 256 elements: 0.44 s for 1e5 paths at 10 m/s."""
-SAMPLE_S = 7e-9
+SPECTRUM_S = 7e-9
 """Of a sample's range-Doppler spectrum."""
 IMAGE_S = 1.3e-10
 """Of a term, a range bin, an element and a direction in the truth's image."""
@@ -174,7 +174,7 @@ def work(knobs: KnobSettings, paths: float, radar: Radar) -> float:
     of_frame, of_path = CUBE_S[knobs.tolerance]
     signals = (of_frame + of_path * paths) * channels / _USUAL.array.channels
     truth = TRUTH_S * paths * elements / _USUAL.virtual_sensor.channels
-    spectra = SAMPLE_S * channels * waveform.chirps * waveform.samples
+    spectra = SPECTRUM_S * channels * waveform.chirps * waveform.samples
     image = IMAGE_S * knobs.truth_terms * waveform.range_bins * elements * radar.grid.bins
     return trace_work(knobs) + signals + truth + spectra + image
 
