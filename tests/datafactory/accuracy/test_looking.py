@@ -159,7 +159,7 @@ def test_draws_are_independent_and_repeatable(samples) -> None:
 
 def settled(order: Order, level_db: float, menu: Menu, said: list[str], folder: Path) -> budget.Budget:
     return budget.settle(
-        order, load_materials(None), level_db, menu, said.append, lambda done, total, label: None, folder
+        order, load_materials(None), level_db, menu, said.append, lambda label, done, total: None, folder
     )
 
 

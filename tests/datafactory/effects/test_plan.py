@@ -84,12 +84,12 @@ def test_costs_are_differences_to_the_frame_of_every_effect(monkeypatch: pytest.
 
     plan = plan_of_scene("scene", [a_frame_plan(specular=0.0, diffuse=-50.0, noise=0.0, near_field=-9.0)], -30.0)
     monkeypatch.setattr(proof, "frame_seconds", frame_seconds)
-    steps: list[tuple[int, int, str]] = []
+    steps: list[tuple[str, int, int]] = []
     frame, scene = a_frame()
     budget = ChainSettings(budget_db=-30.0)
     result = proof.costs(frame, scene, Radar(), budget, plan, lambda *step: steps.append(step))
     assert result == {name: 0.5 if name in ("specular", "diffuse", "noise") else 0.0 for name in NAMES}
-    assert [step[0] for step in steps] == list(range(steps[0][1]))
+    assert [step[1] for step in steps] == list(range(steps[0][2]))
     with pytest.raises(ValueError, match="budget_db"):
         plan_of_frame(frame, scene, Radar(), ChainSettings())  # frames decide by a budget
 

@@ -20,8 +20,9 @@ from datafactory.frame.deal import split_of
 from datafactory.run import merging
 from datafactory.run.merging import ranges
 from datafactory.run.shards import PATHS, ArrayJob, JobEntry, is_job_folder, parse_job, plan_shards
-from shared.dataset.documents import sealed
+from shared.dataset.documents import read_json, sealed, unsealed
 from shared.dataset.folder import open_dataset, read_manifest, verify
+from shared.dataset.locations import sha256_of
 from shared.physics.errors import InputError
 
 JOBS = 3
@@ -155,11 +156,21 @@ def test_damaged_shards_are_named_and_merged_when_their_jobs_ran_again(
     require_same(tmp_path / "merged", whole)
 
 
+def test_a_job_without_its_notes_is_to_run_again(jobs: Path, tmp_path: Path) -> None:
+    """A copy of what a listing shows has none."""
+    shutil.rmtree(jobs / "job-1-of-3" / ".progress")
+    line = refused(jobs, tmp_path / "merged")
+    assert "missing or not as recorded in .progress: " in line
+    assert line.endswith(f"expected {jobs / 'job-1-of-3'} removed and job 1/3 run again")
+
+
 def test_two_jobs_that_made_a_shard_differently_are_refused(jobs: Path, tmp_path: Path) -> None:
     twin = Path(shutil.copytree(jobs / "job-0-of-3", jobs / "job-0-of-4"))
-    manifest = read_manifest(twin)
-    manifest["shards"][0]["sha256"] = "0" * 64
-    (twin / "manifest.json").write_text(json.dumps(sealed(manifest)), encoding="utf-8")
+    shard, note = twin / "train/part-00000.parquet", twin / ".progress/train-part-00000.json"
+    shard.write_bytes(shard.read_bytes() + b"0")
+    finished = unsealed(note, read_json(note, "the note"))
+    finished["record"] |= {"bytes": shard.stat().st_size, "sha256": sha256_of(shard)}
+    note.write_text(json.dumps(sealed(finished)), encoding="utf-8")
     assert "is not the file of this name in" in refused(jobs, tmp_path / "merged")
 
 
@@ -248,4 +259,4 @@ def test_folders_sort_by_number_and_are_known_again() -> None:
 @pytest.mark.parametrize("split", ["6:1:1", "1:0:0", None])
 def test_a_job_says_how_the_whole_dataset_is_cut(split: str | None) -> None:
     splits = [PATHS if split is None else split_of(frame_id, split) for frame_id in range(50)]
-    assert JobEntry(frames=50, split=split, counts=()).plans() == plan_shards(splits)
+    assert JobEntry(frames=50, split=split).plans() == plan_shards(splits)

@@ -1,6 +1,6 @@
 """What the trainer's commands refuse: one line that begins with what is wrong, exit status 2, and nothing written.
 
-One table a command; that of ``evaluate`` stands in ``tests/trainer/evaluation/test_evaluate_refusals.py``.
+One table a command; what depends on files of its own stands with the command's other tests.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from numpy_bytes import npz, of_array
 from raw_files import CHIRPS
 from small_dataset import make_traced
-from tiny_radar import RADAR, frame, small_dataset, write_dataset
-from tiny_run import make_run
+from tiny_radar import RADAR, frame, small_dataset, tiny, write_dataset
+from tiny_run import make_run, run_of
 
 from trainer.run.pretrained import pretrained_run
 
@@ -34,6 +34,7 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
     """What the words in brackets of the tables stand for."""
     made = tmp_path_factory.mktemp("refused")
     shorter = RADAR.model_copy(update={"array": RADAR.array.model_copy(update={"rx_m": RADAR.array.rx_m[:5]})})
+    longer = RADAR.model_copy(update={"waveform": RADAR.waveform.model_copy(update={"samples": 64, "range_bins": 48})})
     cut = frame(0)
     cut = type(cut)(**{**vars(cut), "range_channel": np.ascontiguousarray(cut.range_channel[..., :5])})
     (made / "file").write_text("mine")
@@ -42,6 +43,8 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
     (made / "broken.toml").write_text("steps =")
     (made / "rx9.toml").write_text("rx = [0, 9]")
     (made / "falling.toml").write_text("rx = [2, 0]")
+    (made / "mine.toml").write_text("rx = [0, 1, 2, 5]")
+    np.save(made / "pair.npy", np.full((40, 1), 1.0 + 1.0j))
     np.save(made / "array.npy", np.zeros((3, 5), complex))
     np.save(made / "nan.npy", np.full((4, 8, 32), np.nan + 0j))
     (made / "capture.toml").write_text(f'board = "iwr1642"\n[capture]\n{CHIRPS}\n')
@@ -55,6 +58,7 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
         "untested": write_dataset(made / "untested", {"train": [frame(0)], "validation": [frame(1)]}),
         "traced": make_traced(made / "traced"),
         "run": make_run(made / "run"),
+        "longer": run_of(made / "longer", longer, tiny()),
         "cube": write_capture(made / "cube.npz", other_radar()),
         "chirps": f"--board iwr1642 --radar {made}/capture.toml",
         "shipped": pretrained_run("sparse6").parent,
@@ -144,7 +148,34 @@ EVALUATE = [
     ("none --measured none.mat", "--measured: none.mat"),
     ("none --out {here}/file/out", "--out: {here}/file/out: Not a directory"),
     ("{traced} --arrays full --methods das", "{traced}: holds traced paths and no frames"),
-]
+    ("{data} --arrays full --methods das,best", "--methods: 'best'; expected some of das"),
+    ("{data} --arrays full --methods das,das", "--methods: 'das' twice"),
+    ("{data} --arrays full --methods das,cnn", "--methods: 'cnn' without a run of that kind"),
+    ("{data} --arrays full --experiments fig8", "--experiments: 'fig8'; expected some of point-spread"),
+    ("{data} --arrays full --experiments measured", "--experiments: measured: no --measured file"),
+    ("{data} --arrays sparse6", "--array: sparse6 uses RX 15; expected RX 0 to 5"),
+    ("{data} --arrays none.toml", "--array: no named array and no file 'none.toml'"),
+    ("{data} --arrays full,full", "--arrays: 'full' twice"),
+    ("{data} --arrays ,", "--arrays: none; expected some of"),
+    ("{data} --arrays full --frames 0", "trainer evaluate: frames = 0; expected input should be greater than or equal"),
+    ("{data} --arrays full --run nothing", "nothing: no run.json; expected a run folder"),
+    ("{data} --arrays full --run {run}", "--run: {run} was trained for array 'mine'"),
+    ("{data} --arrays {here}/mine.toml --run {longer}", "{data}: radar 'tiny', waveform.samples = 32; expected 64"),
+    ("{data} --arrays {here}/mine.toml --run {run} --methods das", "--run: {run} is a 'unet', not among"),
+    ("{data} --arrays full --measured {here}/pair.npy --experiments detection",
+     "--measured: {here}/pair.npy without the experiment"),
+    ("{data} --arrays full --out {here}/file", "--out: {here}/file: File exists"),
+    ("", "arguments: neither a dataset nor --measured; expected one of both, or both"),
+    ("--measured {here}/pair.npy --range 3", "--range: 3 m of a snapshot; expected no --range"),
+    ("--measured {here}/pair.npy --targets 0", "--targets: 0; expected 1 or more"),
+    ("--measured {here}/pair.npy --targets 6", "--targets: 6 with 10 elements; expected at most 5"),
+    ("--measured {here}/pair.npy --model-error 3", "model_error_db: 3.0; expected at most 0 dB"),
+    ("--measured {here}/pair.npy --experiments detection", "--experiments: detection; expected measured alone"),
+    ("--measured {here}/pair.npy --methods capon", "--methods: 'capon'; expected some of das, "),
+    ("--measured {here}/pair.npy --run none", "none: no run.json; expected a run folder"),
+    ("--measured none.npz", "--measured: none.npz; expected a .mat or .npy file"),
+    ("--measured {cube} --range 30", "--range: 30 m; expected 0 to "),
+]  # fmt: skip
 IMPORT = [
     ("none.bin --board iwr1843", "CAPTURE: none.bin"),
     ("none.npy --board iwr1843", "none.npy: no such file of arrays"),

@@ -19,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from datafactory.accuracy.cache import Announce, cached, user_cache
+from datafactory.accuracy.cache import cached, user_cache
 from datafactory.accuracy.knobs import DEFAULT, POWER_KNOBS, REFERENCE_DEPTH, SIGNAL_KNOBS, KnobSettings, Menu, Sample
-from datafactory.accuracy.looking import Advance, Cells, made, reference_of
+from datafactory.accuracy.looking import Cells, made, reference_of
 from datafactory.accuracy.power import Errors, Kept, peak_error, power_error, relative_l2, worst_of
 from datafactory.accuracy.prices import Choice, Prices, choose, measure_prices
+from datafactory.defaults import Announce, Progress
 from datafactory.frame.deal import Deal
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.preparation import Order, prepare
@@ -78,7 +79,7 @@ def settle(
     level_db: float,
     menu: Menu,
     announce: Announce,
-    advance: Advance,
+    advance: Progress,
     folder: Path | None = None,
 ) -> Budget:
     """Choose the settings with the least work for an order's scene frames.
@@ -120,7 +121,7 @@ def settle(
         steps, target_db = len(list(menu.settings())), level_db
         for _ in range(ROUNDS):
             choice = choose(prices, menu, target_db, order.radar)
-            advance(steps, steps, "the choice as a whole")
+            advance("the choice as a whole", steps, steps)
             pairs = zip(scenes, traces, strict=True)
             found = worst_of([together(scene, choice.settings, kept) for scene, kept in pairs])
             excess_db = found.worst_db - level_db

@@ -14,12 +14,12 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from datafactory.defaults import Announce
 from shared.dataset.documents import read_json, sealed, unsealed
 from shared.dataset.writing import write_json
 from shared.physics.errors import InputError
 
 Model = TypeVar("Model", bound=BaseModel)
-Announce = Callable[[str], None]
 
 
 def user_cache() -> Path:

@@ -40,8 +40,6 @@ STAGE_OF = {
 """Of each step that is timed, the stage that it is a part of."""
 STAGES = tuple(dict.fromkeys(STAGE_OF.values()))
 Value = TypeVar("Value")
-Advance = Callable[[int, int, str], None]
-"""Takes settings done, settings in all, and what is being measured."""
 REFERENCE_BLOCK = 32
 """Elements of the virtual sensor whose full cube is held at a time: 64 MB for the default waveform."""
 REFERENCE_TOLERANCE = 1e-6

@@ -23,8 +23,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from datafactory.accuracy.knobs import KNOBS, POWER_KNOBS, REFERENCE_DEPTH, SIGNAL_KNOBS, KnobSettings, Menu, Sample
-from datafactory.accuracy.looking import Advance, Clock, Outcome, made, reference_of
+from datafactory.accuracy.looking import Clock, Outcome, made, reference_of
 from datafactory.accuracy.power import Errors, Kept, paired_error, peak_error, power_error, relative_l2
+from datafactory.defaults import Progress
 from datafactory.paths.solver import TraceSettings
 from shared.radar import Radar
 
@@ -36,7 +37,7 @@ BOUNCE_S = 1.2e-6
 """Of a ray's bounce: 0.9 s for 2e5 rays of 4 steps on the shipped street."""
 TRUTH_S = 4e-6
 """Of a path's moments in the truth of 256 elements: 0.44 s for 1e5 paths at 10 m/s."""
-SAMPLE_S = 7e-9
+SPECTRUM_S = 7e-9
 """Of a sample's range-Doppler spectrum."""
 IMAGE_S = 1.3e-10
 """Of a term, a range bin, an element and a direction in the truth's image."""
@@ -143,19 +144,19 @@ def power_price(samples: Sequence[Sample], menu: Menu, knob: str, value: float, 
     )
 
 
-def measure_prices(samples: Sequence[Sample], menu: Menu, advance: Advance) -> Prices:
+def measure_prices(samples: Sequence[Sample], menu: Menu, advance: Progress) -> Prices:
     """The prices of a whole menu."""
     prices = list[Price]()
     total, traces = len(list(menu.settings())), Kept()
-    advance(0, total, "reference")
+    advance("reference", 0, total)
     if not menu.paths_only:
         bench = Bench(samples, menu.usual)
         for knob, value in menu.settings(*SIGNAL_KNOBS):
-            advance(len(prices), total, f"{knob} {value}")
+            advance(f"{knob} {value}", len(prices), total)
             prices.append(bench.price(knob, value)[0])
         del bench  # many rays need the room
     for knob, value in menu.settings(*POWER_KNOBS):
-        advance(len(prices), total, f"{knob} {value}")
+        advance(f"{knob} {value}", len(prices), total)
         prices.append(power_price(samples, menu, knob, value, traces))
     return Prices(prices=tuple(prices))
 
@@ -173,7 +174,7 @@ def work(knobs: KnobSettings, paths: float, radar: Radar) -> float:
     of_frame, of_path = CUBE_S[knobs.tolerance]
     signals = (of_frame + of_path * paths) * channels / _USUAL.array.channels
     truth = TRUTH_S * paths * elements / _USUAL.virtual_sensor.channels
-    spectra = SAMPLE_S * channels * waveform.chirps * waveform.samples
+    spectra = SPECTRUM_S * channels * waveform.chirps * waveform.samples
     image = IMAGE_S * knobs.truth_terms * waveform.range_bins * elements * radar.grid.bins
     return trace_work(knobs) + signals + truth + spectra + image
 

@@ -4,7 +4,7 @@ the settings that an error budget would choose, for one error after the other, m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -21,9 +21,10 @@ from datafactory.accuracy.knobs import (
     Menu,
     Sample,
 )
-from datafactory.accuracy.looking import STAGES, Advance, Clock, made, write_seconds
+from datafactory.accuracy.looking import STAGES, Clock, made, write_seconds
 from datafactory.accuracy.power import Errors, Kept, level_db, worst_db
 from datafactory.accuracy.prices import Bench, Price, Prices, front, power_price, predicted, work
+from datafactory.defaults import Announce, Progress
 from datafactory.frame.chain import ChainSettings
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.memory import Load, amount, rays_that_fit
@@ -96,7 +97,7 @@ def _check_most_rays(most_rays: int, menu: Menu, radar: Radar) -> None:
         raise InputError("--most-rays", f"{needed}, {amount(limit)} may be used", f"at most {max(fitting, 0)}")
 
 
-def study(samples: Sequence[Sample], menu: Menu, repeats: int, batch: int, advance: Advance) -> list[Row]:
+def study(samples: Sequence[Sample], menu: Menu, repeats: int, batch: int, advance: Progress) -> list[Row]:
     """Measure a whole menu on frames of a run, on one core; the defaults together come first.
 
     :param repeats: of each timed step and frame
@@ -109,12 +110,12 @@ def study(samples: Sequence[Sample], menu: Menu, repeats: int, batch: int, advan
 class _Study:
     """Frames that are measured on, with what is found on them."""
 
-    def __init__(self, samples: Sequence[Sample], menu: Menu, repeats: int, batch: int, advance: Advance) -> None:
+    def __init__(self, samples: Sequence[Sample], menu: Menu, repeats: int, batch: int, advance: Progress) -> None:
         self.samples, self.menu, self.repeats, self.batch = samples, menu, repeats, batch
         self.sample, self.radar, self.usual = samples[0], samples[0].radar, menu.usual
         self.prices: list[Price] = []
         total = len(list(menu.settings()))
-        self.begin: Callable[[str], None] = lambda label: advance(len(self.prices), total, label)
+        self.begin: Announce = lambda label: advance(label, len(self.prices), total)
         self.begin("reference")
         self._compile()
         self.bench = Bench(samples, self.usual, repeats, batch)

@@ -15,8 +15,8 @@ from datafactory.accuracy.budget import check, settle
 from datafactory.accuracy.knobs import Menu, menu_for
 from datafactory.api.asking import materials_of, order_of
 from datafactory.api.declared import common, taking
-from datafactory.api.options import ConvertOptions, MergeOptions, OrderOptions, Progress, RenderOptions, TraceOptions
-from datafactory.defaults import AUTO_DEVICE, CPU, CUDA, LOCAL
+from datafactory.api.options import ConvertOptions, MergeOptions, OrderOptions, RenderOptions, TraceOptions
+from datafactory.defaults import AUTO_DEVICE, CPU, CUDA, LOCAL, Progress
 from datafactory.run import merging, pipeline
 from datafactory.run.pipeline import Execution, Report
 from datafactory.run.portions import opened
@@ -93,7 +93,7 @@ def _made(asked: RenderOptions | TraceOptions, order: Order, menu: Menu | None, 
         execution = Execution(
             directory=locate(asked.out) / job.folder if job else locate(asked.out), workers=asked.workers,
             resume=asked.resume, keep_going=asked.keep_going, job=job, engine=engine, announce=asked.announce,
-            advance=partial(asked.progress, "frames"),
+            advance=asked.progress,
         )  # fmt: skip
         if asked.device == AUTO_DEVICE:
             asked.announce(f"device: {device}")
@@ -122,9 +122,7 @@ def _within_budget(
 ) -> Report:
     """The job, its settings chosen from a menu; what they achieved is measured afterwards."""
     started, announce = time.perf_counter(), execution.announce
-    settled = settle(
-        order, table, order.budget_db, menu, announce, lambda done, total, label: progress(label, done, total)
-    )
+    settled = settle(order, table, order.budget_db, menu, announce, progress)
     report = make(settled.order, table, execution)
     if execution.job is None:
         check(settled, execution.directory, announce)

@@ -4,7 +4,7 @@ A new option is one field of a group: the commands and functions that take the g
 and its line in the documentation. See :mod:`datafactory.api.declared`. Constants alone: ``--help`` imports this module.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias
@@ -25,6 +25,8 @@ from datafactory.defaults import (
     LOCAL,
     MOST_RAYS,
     SMALLEST_BUDGET_DB,
+    Announce,
+    Progress,
 )
 from datafactory.scenes.city.rules import MOST_BLOCKS, Style
 from shared.processes.defaults import ANGLE_WINDOWS, DEFAULT_RADAR, LARGEST_SEED, STORES
@@ -52,11 +54,6 @@ MaterialsLike: TypeAlias = "str | Path | MaterialTable"
 TargetsLike: TypeAlias = "str | Path | Sequence[PointTargets]"
 """The path of a JSON file, see :func:`datafactory.frame.points.read_targets`, or the targets of each frame."""
 Effects: TypeAlias = str | Collection[str]
-Announce: TypeAlias = Callable[[str], None]
-"""Takes a line for the user: how materials were mapped, what was left out, a warning."""
-Progress: TypeAlias = Callable[[str, int, int], None]
-"""Takes what is being done, how much of it is done, and of how much: ``("frames", 5, 8)``; with an
-error budget also ``(what is measured, 7, 40)``."""
 
 
 def silent(*_: object) -> None:

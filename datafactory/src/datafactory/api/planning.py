@@ -98,9 +98,7 @@ def _planned(order: Order, scene: PreparedScene, frames: Sequence[DealtFrame], a
     told = plan_of_scene(scene.name, found, order.budget_db)
     seconds, proof = dict[str, float](), None
     if frames and asked.times:
-        seconds = costs(
-            frames[0], scene, radar, settings, told, lambda done, total, name: asked.progress(name, done, total)
-        )
+        seconds = costs(frames[0], scene, radar, settings, told, asked.progress)
     if frames and asked.prove:
         proof = prove(frames[0], scene, radar, settings)
     return ScenePlan(told, len(frames), seconds, proof)

@@ -8,7 +8,7 @@ from datafactory.api.asking import materials_of, order_of, scenes_of
 from datafactory.api.declared import common, taking
 from datafactory.api.options import OrderOptions, ViewOptions
 from datafactory.frame.chain import SceneSource, StoredSource, narrowed
-from datafactory.paths.backend import select_variant, set_threads
+from datafactory.paths.backend import set_threads
 from datafactory.run.preparation import prepare, prepared_scene
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.traffic.population import recorded
@@ -52,7 +52,6 @@ def _traced_now(asked: ViewOptions) -> Subject:
     _require_frame(asked.frame, len(job.deal))
     dealt = job.deal.frame(asked.frame)
     here, pose = job.scenes[dealt.scene], dealt.where
-    select_variant()
     set_threads(1)
     asked.progress("tracing", 0, 1)
     traced = SceneSource(dealt, here, order.of_scenes).traced(order.radar)

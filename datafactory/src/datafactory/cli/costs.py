@@ -80,7 +80,7 @@ def accuracy(asked: AccuracyOptions) -> None:
     from datafactory.accuracy.knobs import Sample
     from datafactory.api.asking import materials_of, order_of
     from datafactory.api.declared import common
-    from datafactory.paths.backend import select_variant, set_threads
+    from datafactory.paths.backend import set_threads
     from datafactory.run.preparation import prepare
 
     scene, out, quick = asked.scene, asked.out, asked.quick
@@ -94,14 +94,13 @@ def accuracy(asked: AccuracyOptions) -> None:
         out.mkdir(parents=True, exist_ok=True)
     except FileExistsError:
         raise InputError("--out", f"{out} is a file", "a folder") from None
-    select_variant()
     set_threads(1)
     count = min(1 if quick else asked.frames, len(order.poses) or IMAGE_BATCH)
     job = prepare(order, materials_of(asked.materials), console.print).job
     samples = [Sample(job.deal.frame(frame_id), job.scenes[0], order) for frame_id in range(count)]
     batch = 1 if quick else IMAGE_BATCH
     with shown(console) as progress:
-        rows = study.study(samples, menu, asked.repeats, batch, lambda done, total, label: progress(label, done, total))
+        rows = study.study(samples, menu, asked.repeats, batch, progress)
     wide = plain_console(narrowest=ACCURACY_WIDTH)
     wide.print(table(f"What accuracy costs: {scene}", report.HEADINGS, report.table_rows(rows)))
     for line in report.explanation(menu.effort):

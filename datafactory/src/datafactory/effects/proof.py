@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.defaults import Progress
 from datafactory.effects.catalogue import ALL, NAMES, NO_CHOICE, EffectSet
 from datafactory.effects.plan import FLOOR_DB, EffectPlan
 from datafactory.frame.chain import (
@@ -33,7 +34,6 @@ from shared.radar import Radar
 from shared.signal.imaging import delay_and_sum
 from shared.signal.spectrum import DopplerSelection, selection_at
 
-Advance = Callable[[int, int, str], None]
 REPEATS = 2
 """Timed frames of each kind, one beside the other in turn; the least counts."""
 
@@ -52,7 +52,7 @@ def costs(
     radar: Radar,
     settings: ChainSettings,
     plan: EffectPlan,
-    advance: Advance = lambda done, total, label: None,
+    advance: Progress,
 ) -> dict[str, float]:
     """Seconds that each effect takes of a frame with every effect.
 
@@ -65,12 +65,12 @@ def costs(
         return frame_seconds(frame, scene, radar, of.settings(replace(settings, budget_db=None)))
 
     asked = [item.effect for item in plan.decisions if item.loss_db > FLOOR_DB and item.effect not in NO_CHOICE]
-    advance(0, len(asked) + 1, "every effect")
+    advance("every effect", 0, len(asked) + 1)
     seconds(ALL)  # compiles what is to be compiled
     every = seconds(ALL)
     result = dict.fromkeys(NAMES, 0.0)
     for index, name in enumerate(asked):
-        advance(index + 1, len(asked) + 1, name)
+        advance(name, index + 1, len(asked) + 1)
         result[name] = max(every - seconds(ALL.without(name)), 0.0)
     return result
 

@@ -17,11 +17,10 @@ import ctypes
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from datafactory.defaults import CPU, CUDA
+from datafactory.defaults import CPU, CUDA, Announce
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.measurement import Processing
 from datafactory.run.shards import FRAMES_PER_SHARD, MOST_FRAMES
@@ -125,7 +124,7 @@ class Load:
         return CUBES * cube + MOST_FRAMES * kept + matrices
 
 
-def workers_for(load: Load, asked: int, announce: Callable[[str], None] = lambda line: None) -> int:
+def workers_for(load: Load, asked: int, announce: Announce = lambda line: None) -> int:
     """Worker processes of a run: those asked for, or for 0 as many as there are cores and memory for.
 
     What is large is announced.

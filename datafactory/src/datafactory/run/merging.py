@@ -1,8 +1,8 @@
 """Jobs of an array to the dataset of the run in one piece: ``datafactory merge``.
 
 Jobs have to belong together, and no frame may be missing. A shard is linked where the jobs lie on the same disk, so
-that it takes no room, and copied where not. Shards are noted as a run notes them (:mod:`datafactory.run.progress`): a
-merge that was killed is taken up like a run."""
+that it takes no room, and copied where not. What jobs finished is read as a resumed run reads it
+(:mod:`datafactory.run.progress`), and noted again: a merge that was killed is taken up like a run."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import os
 import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from datafactory.defaults import LOCAL
+from datafactory.defaults import LOCAL, Announce, Progress
 from datafactory.run.memory import free_bytes
 from datafactory.run.pipeline import Report, total_counts
 from datafactory.run.progress import (
+    FOLDER,
     FinishedShard,
     begin,
     claimed,
@@ -33,14 +34,13 @@ from datafactory.run.progress import (
 from datafactory.run.shards import ARGUMENT, ENTRY, ArrayJob, JobEntry, ShardPlan, is_job_folder, parse_job, provenance
 from shared.dataset.documents import MADE
 from shared.dataset.folder import MANIFEST
-from shared.dataset.manifest import ShardRecord, read_manifest, shard_records
+from shared.dataset.manifest import read_manifest
 from shared.dataset.writing import PARTIAL, atomic
 from shared.physics.errors import InputError
 from shared.radar import validated
 
 MOST_RANGES = 12
 """Ranges of missing frames that are named."""
-Advance = Callable[[str, int, int], None]
 OF_JOBS = ("arguments", "counts", "shards", ENTRY, MADE)
 """Entries of a job's manifest that the dataset's has otherwise, or not at all."""
 
@@ -50,14 +50,12 @@ class FinishedJob:
     """A job that is done.
 
     :param entry: what its manifest says of the whole
-    :param records: of its shards
     :param manifest: the whole of it
     """
 
     folder: Path
     job: ArrayJob
     entry: JobEntry
-    records: tuple[ShardRecord, ...]
     manifest: dict[str, Any]
 
     @property
@@ -65,15 +63,9 @@ class FinishedJob:
         """Those of the run in one piece."""
         return {name: value for name, value in self.manifest["arguments"].items() if name != ARGUMENT}
 
-    def shards(self) -> Iterator[FinishedShard]:
-        """Its shards, as a run in one piece would note them."""
-        mark = fingerprint(self.arguments)
-        for record, counts in zip(self.records, self.entry.counts, strict=True):
-            yield FinishedShard(record=record, counts=counts, fingerprint=mark)
-
 
 Sources = dict[ShardPlan, tuple[FinishedJob, FinishedShard]]
-"""Every shard, the job that made it, and what this says of it."""
+"""Shards, the job that made each, and what this noted of it."""
 
 
 def find_jobs(folders: Sequence[Path]) -> tuple[list[FinishedJob], list[Path]]:
@@ -108,24 +100,42 @@ def require_same_arguments(jobs: Sequence[FinishedJob]) -> None:
             )
 
 
-def shards_of_all(jobs: Sequence[FinishedJob], begun: Sequence[Path]) -> Sources:
-    """Every shard of the dataset in its order, and the job that made it.
+def makers(jobs: Sequence[FinishedJob], begun: Sequence[Path]) -> dict[ShardPlan, FinishedJob]:
+    """Every shard of the dataset in its order, and a job that made it.
+
+    :raises InputError: frames are missing
+    """
+    plans = jobs[0].entry.plans()
+    found = {plan: job for job in jobs for plan in job.job.own(plans)}
+    if missing := [plan for plan in plans if plan not in found]:
+        raise _incomplete(missing, jobs, begun)
+    return {plan: found[plan] for plan in plans}
+
+
+def shards_of_all(jobs: Sequence[FinishedJob], todo: Mapping[ShardPlan, FinishedJob], advance: Progress) -> Sources:
+    """What the jobs noted of shards, each checked by its SHA-256.
 
     A shard that two jobs made, because the array was cut in another way in between, is taken once.
 
-    :raises InputError: frames are missing; two jobs made a shard with other bytes
+    :param todo: shards that are not in the dataset yet, see :func:`makers`
+    :raises InputError: shards that are not as their jobs noted them; two jobs made a shard with other bytes
     """
-    made: dict[str, tuple[FinishedJob, FinishedShard]] = {}
-    for job in jobs:
-        for shard in job.shards():
-            before = made.setdefault(shard.record.path, (job, shard))
-            if before[1].record != shard.record:
-                problem = f"{shard.record.path} is not the file of this name in {before[0].folder}"
+    plans, mark = jobs[0].entry.plans(), fingerprint(jobs[0].arguments)
+    made: Sources = {}
+    for done, job in enumerate(jobs):
+        advance("checking", done, len(jobs))
+        own = [plan for plan in job.job.own(plans) if plan in todo]
+        for plan, shard in completed(job.folder, own, mark).shards.items():
+            first, before = made.setdefault(plan, (job, shard))
+            if before.record != shard.record:
+                problem = f"{plan.path} is not the file of this name in {first.folder}"
                 raise InputError(job.folder, problem, "jobs that ran on one kind of machine")
-    plans = jobs[0].entry.plans()
-    if missing := [plan for plan in plans if plan.path not in made]:
-        raise _incomplete(missing, jobs, begun)
-    return {plan: made[plan.path] for plan in plans}
+    advance("checking", len(jobs), len(jobs))
+    if damaged := {plan: job for plan, job in todo.items() if plan not in made}:
+        names = _listed([str(job.folder / plan.path) for plan, job in damaged.items()])
+        remedies = {f"{job.folder} removed and job {job.job} run again" for job in damaged.values()}
+        raise InputError("merge", f"missing or not as recorded in {FOLDER}: {names}", " and ".join(sorted(remedies)))
+    return made
 
 
 def _job_folders(folder: Path) -> list[Path]:
@@ -146,10 +156,7 @@ def _read(folder: Path) -> FinishedJob:
     if not isinstance(arguments, dict) or ENTRY not in manifest or not isinstance(arguments.get(ARGUMENT), str):
         raise InputError(path, "is not of a job of an array", "the --out of a render, points or trace with --shard")
     entry = validated(JobEntry, manifest[ENTRY], path)
-    records = shard_records(path, manifest)
-    if len(entry.counts) != len(records):
-        raise InputError(path, f"counts of {len(entry.counts)} shards for {len(records)}", "one for each shard")
-    return FinishedJob(folder, parse_job(arguments[ARGUMENT]), entry, records, manifest)
+    return FinishedJob(folder, parse_job(arguments[ARGUMENT]), entry, manifest)
 
 
 def _incomplete(missing: Sequence[ShardPlan], jobs: Sequence[FinishedJob], begun: Sequence[Path]) -> InputError:
@@ -182,9 +189,7 @@ def _listed(items: Sequence[str]) -> str:
     return ", ".join(items[:MOST_RANGES]) + (f", and {more} more" if more > 0 else "")
 
 
-def merge(
-    folders: Sequence[Path], directory: Path, resume: bool, announce: Callable[[str], None], advance: Advance
-) -> Report:
+def merge(folders: Sequence[Path], directory: Path, resume: bool, announce: Announce, advance: Progress) -> Report:
     """Join the jobs' shards into one dataset.
 
     :param folders: each that of a job, or one in which jobs have theirs
@@ -197,16 +202,14 @@ def merge(
     started = time.perf_counter()
     jobs, begun = find_jobs(folders)
     require_same_arguments(jobs)
-    sources = shards_of_all(jobs, begun)
-    arguments = jobs[0].arguments
+    plans = makers(jobs, begun)
+    arguments, frames = jobs[0].arguments, jobs[0].entry.frames
     with claimed(directory, resume):
-        frames = sum(len(plan.frame_ids) for plan in sources)
         if resume and begin(directory, arguments, resume):
             announce(f"{directory} is already complete")
-            return Report(directory, frames, 0, len(sources), {}, time.perf_counter() - started)
-        kept = completed(directory, list(sources), fingerprint(arguments)).shards
-        todo = {plan: source for plan, source in sources.items() if plan not in kept}
-        _require_whole(todo, advance)
+            return Report(directory, frames, 0, len(plans), {}, time.perf_counter() - started)
+        kept = completed(directory, plans, fingerprint(arguments)).shards
+        todo = shards_of_all(jobs, {plan: job for plan, job in plans.items() if plan not in kept}, advance)
         _require_room(todo, directory)
         begin(directory, arguments, resume)
         links = 0
@@ -219,23 +222,11 @@ def merge(
         for line in _unlike(jobs):
             announce(line)
         seconds = time.perf_counter() - started
-        counts = total_counts([shard for _, shard in sources.values()])
-        finish(directory, _manifest(jobs, sources, counts, seconds))
+        shards = kept | {plan: shard for plan, (_, shard) in todo.items()}
+        finished = [shards[plan] for plan in plans]
+        counts = total_counts(finished)
+        finish(directory, _manifest(jobs, finished, counts, seconds))
     return Report(directory, frames, len(todo), len(kept), counts, seconds)
-
-
-def _require_whole(todo: Sources, advance: Advance) -> None:
-    """:raises InputError: shards that are not as their jobs recorded them"""
-    damaged = []
-    for done, (plan, (job, shard)) in enumerate(todo.items()):
-        advance("checking", done, len(todo))
-        if not is_whole(job.folder / plan.path, plan, shard.record):
-            damaged.append((job, plan))
-    advance("checking", len(todo), len(todo))
-    if damaged:
-        names = ", ".join(str(job.folder / plan.path) for job, plan in damaged)
-        remedy = " and ".join(sorted({f"{job.folder} removed and job {job.job} run again" for job, _ in damaged}))
-        raise InputError("merge", f"missing or not as recorded: {names}", remedy)
 
 
 def _require_room(todo: Sources, directory: Path) -> None:
@@ -300,7 +291,7 @@ def _unlike(jobs: Sequence[FinishedJob]) -> list[str]:
 
 
 def _manifest(
-    jobs: Sequence[FinishedJob], sources: Sources, counts: Mapping[str, float], seconds: float
+    jobs: Sequence[FinishedJob], finished: Sequence[FinishedShard], counts: Mapping[str, float], seconds: float
 ) -> dict[str, Any]:
     """That of the run in one piece, but for ``made``, which has each job's."""
     step_seconds: Counter[str] = Counter()
@@ -311,6 +302,6 @@ def _manifest(
         **{name: value for name, value in jobs[0].manifest.items() if name not in OF_JOBS},
         "arguments": jobs[0].arguments,
         "counts": counts,
-        "shards": [shard.record.model_dump() for _, shard in sources.values()],
+        "shards": [shard.record.model_dump() for shard in finished],
         MADE: {**provenance(LOCAL, 1, seconds, step_seconds), **made},
     }

@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from datafactory.defaults import CPU, LOCAL
+from datafactory.defaults import CPU, LOCAL, Announce, Progress
 from datafactory.effects.catalogue import ALL
 from datafactory.paths.corner_edges import all_strips
 from datafactory.paths.trace import find_shapes
@@ -26,9 +26,6 @@ from shared.dataset import VERSION
 from shared.dataset.locations import Location
 from shared.physics.compiled import is_kept
 from shared.signal.tdm import statement
-
-Announce = Callable[[str], None]
-Advance = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -60,7 +57,7 @@ class Execution:
     :param job: make the shards of this job alone; ``directory`` is then the job's own
     :param engine: where shards are made
     :param announce: takes lines for the user: material mappings, warnings
-    :param advance: takes frames done and frames in all
+    :param advance: takes "frames", those done, and those in all
     """
 
     directory: Location
@@ -70,7 +67,7 @@ class Execution:
     job: ArrayJob | None = None
     engine: Engine = field(default_factory=Engine)
     announce: Announce = lambda line: None
-    advance: Advance = lambda done, total: None
+    advance: Progress = lambda stage, done, total: None
 
 
 def produce(recipe: Recipe, execution: Execution, started: float) -> Report:
@@ -83,6 +80,7 @@ def produce(recipe: Recipe, execution: Execution, started: float) -> Report:
     """
     directory, job, manifest = execution.directory, recipe.job, recipe.manifest
     arguments, plans = manifest["arguments"], job.plans
+    mark = fingerprint(arguments)  # a job's is that of the run in one piece
     if execution.job is not None:
         plans = execution.job.own(plans)
         arguments = {**arguments, ARGUMENT: str(execution.job)}
@@ -91,7 +89,6 @@ def produce(recipe: Recipe, execution: Execution, started: float) -> Report:
     if begin(directory, arguments, execution.resume):
         execution.announce(f"{directory} is already complete")
         return Report(directory, frames, 0, len(plans), {}, time.perf_counter() - started)
-    mark = fingerprint(arguments)
     earlier = completed(directory, plans, mark)
     for path in earlier.damaged:
         execution.announce(f"{path} is not as it was recorded and is made again")
@@ -107,13 +104,14 @@ def produce(recipe: Recipe, execution: Execution, started: float) -> Report:
     made = Writer(job, directory, mark)
     with handed_over(directory) as folder:
         pool = execution.engine.pool(PortionWork(job, folder), len(portions), execution.workers)
-        deal_out(portions, pool, made, execution.keep_going, lambda left: execution.advance(frames - left, frames))
+        deal_out(
+            portions, pool, made, execution.keep_going, lambda left: execution.advance("frames", frames - left, frames)
+        )
     finished = [(earlier.shards | made.shards)[plan] for plan in plans]
     counts = total_counts(finished)
     if execution.job is not None:
         split = None if job.paths_alone else job.deal.split
-        entry = JobEntry(frames=len(job.deal), split=split, counts=tuple(item.counts for item in finished))
-        manifest = {**manifest, ENTRY: entry.model_dump()}
+        manifest = {**manifest, ENTRY: JobEntry(frames=len(job.deal), split=split).model_dump()}
     seconds = time.perf_counter() - started
     finish(
         directory,

@@ -20,7 +20,7 @@ from typing import IO, Any, TypeVar
 import pyarrow as pa
 from threadpoolctl import threadpool_limits
 
-from datafactory.defaults import LOCAL, RAY
+from datafactory.defaults import LOCAL, RAY, Announce
 from datafactory.frame.chain import ChainSettings, PointSource, SceneSource, Source, StoredSource, make_frames
 from datafactory.frame.deal import Deal, PreparedScene
 from datafactory.frame.measurement import Hook
@@ -333,7 +333,7 @@ class Engine:
 
 
 @contextmanager
-def opened(name: str, address: str | None, announce: Callable[[str], None]) -> Iterator[Engine]:
+def opened(name: str, address: str | None, announce: Announce) -> Iterator[Engine]:
     """An engine that is ready to work; its connection, where it has one, ends with the block.
 
     :param name: one of :data:`datafactory.defaults.ENGINES`

@@ -6,7 +6,7 @@ Rendering, tracing, ``plan``, the accuracy sweep and the error budget all start 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from typing import Any
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from datafactory.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN, DEFAULT_RAYS
+from datafactory.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN, DEFAULT_RAYS, Announce
 from datafactory.effects.catalogue import ALL, NO_CHOICE, PATH_EFFECTS, EffectSet
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.deal import PreparedScene, StoredRow, Wanted, dealt
@@ -168,9 +168,6 @@ def _require_same_paths(folder: Location, traced: EffectSet, asked: EffectSet) -
             had, wants = ("with", "without") if getattr(traced, name) else ("without", "with")
             problem = f"its paths were traced {had} {name}, --effects asks for frames {wants} it"
             raise InputError(folder, problem, "--effects auto, or datafactory trace with these effects")
-
-
-Announce = Callable[[str], None]
 
 
 @dataclass(frozen=True)

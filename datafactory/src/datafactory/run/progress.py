@@ -1,4 +1,5 @@
-"""What a run has finished so far, beside the shards: ``DIR/.progress`` while it lasts, the manifest after it.
+"""What a run has finished so far, beside the shards: ``DIR/.progress`` while it lasts, and that of a job for its
+merge; the manifest after it.
 
 Each finished shard leaves ``DIR/.progress/<split>-part-NNNNN.json``, written after the shard was renamed; a run that is
 killed and resumed ends in the same bytes as one that never was.
@@ -19,7 +20,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from datafactory.run.card import CARD, card
-from datafactory.run.shards import ShardPlan
+from datafactory.run.shards import ENTRY, ShardPlan
 from shared.dataset.claims import claimed as hold
 from shared.dataset.documents import read_json, sealed, unsealed
 from shared.dataset.folder import MANIFEST, ShardRecord, read_manifest
@@ -165,14 +166,16 @@ def _finished(directory: Location, plan: ShardPlan, fingerprint: str) -> Finishe
 
 
 def finish(directory: Location, manifest: Mapping[str, Any]) -> Location:
-    """Write the card of a dataset that holds frames and the manifest, which makes it complete, and remove the notes.
+    """Write the card of a dataset that holds frames and the manifest, which makes it complete, and remove the notes,
+    but those of a job of an array, which its merge reads.
 
     :returns: the manifest's path
     """
     if "shapes" in manifest and manifest["shards"]:
         write_text(directory / CARD, card(manifest))
     path = write_manifest(directory, manifest)
-    remove_folder(directory / FOLDER)
+    if ENTRY not in manifest:
+        remove_folder(directory / FOLDER)
     remove_partial(directory)
     return path
 

@@ -21,7 +21,7 @@ from typing import Annotated, Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from datafactory.defaults import CPU
 from datafactory.frame.deal import split_of
@@ -265,14 +265,10 @@ class JobEntry(BaseModel):
 
     :param frames: of the whole dataset
     :param split: pattern of the whole dataset; None for traced paths
-    :param counts: of each of the job's shards, in the manifest's order
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     frames: Annotated[int, Field(ge=1)]
     split: str | None
-    counts: tuple[dict[str, int | float], ...]
 
     def plans(self) -> tuple[ShardPlan, ...]:
         """The shards of the whole dataset.

@@ -94,9 +94,9 @@ def columns(paths: ScatteredPaths, order: Integer[np.ndarray, " paths"]) -> Floa
     return table
 
 
-def padded(elements: Float64[np.ndarray, "elements 3"], lanes: int = LANES) -> Float64[np.ndarray, "3 padded"]:
-    """Coordinates of elements by rows, the last element repeated up to a multiple of ``lanes``."""
-    missing = -len(elements) % lanes
+def padded(elements: Float64[np.ndarray, "elements 3"]) -> Float64[np.ndarray, "3 padded"]:
+    """Coordinates of elements by rows, the last element repeated up to a multiple of LANES."""
+    missing = -len(elements) % LANES
     return np.ascontiguousarray(np.concatenate([elements, np.repeat(elements[-1:], missing, axis=0)]).T)
 
 

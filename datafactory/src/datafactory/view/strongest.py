@@ -88,7 +88,7 @@ def strongest(level: Real, kinds: NDArray[np.str_], count: int) -> NDArray[np.in
     return chosen[np.argsort(-level[chosen], kind="stable")]
 
 
-def shown_paths(table: PathTable, caster: RayCaster, targets: Real, count: int = PATHS_SHOWN) -> Shown:
+def shown_paths(table: PathTable, caster: RayCaster, targets: Real) -> Shown:
     """The strongest paths of a frame.
 
     :param table: illuminated, amplitudes in sqrt(W)
@@ -100,7 +100,7 @@ def shown_paths(table: PathTable, caster: RayCaster, targets: Real, count: int =
     if not len(table):
         return Shown((), found, 0)
     level = np.concatenate([amplitude_to_db(part.amplitude) for part in (table.scattered, table.specular)])
-    chosen = strongest(level, kinds, count)
+    chosen = strongest(level, kinds, PATHS_SHOWN)
     mirrors = chosen >= len(table.scattered)
     lines: dict[int, Real] = {}
     lines |= _scattered_lines(table, chosen[~mirrors], caster, targets)

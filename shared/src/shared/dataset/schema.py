@@ -134,9 +134,9 @@ class Box:
         cosine, sine = np.cos(self.yaw), np.sin(self.yaw)
         return np.array(self.center[:2]) + along @ np.array([[cosine, sine], [-sine, cosine]])
 
-    def range_and_u(self, points: int = 16) -> tuple[Float64[np.ndarray, " outline"], Float64[np.ndarray, " outline"]]:
-        """[4 * points] range [m] and u = sin(azimuth) along its footprint, at the height of its middle."""
-        x, y = self.footprint(points).T
+    def range_and_u(self) -> tuple[Float64[np.ndarray, " outline"], Float64[np.ndarray, " outline"]]:
+        """[64] range [m] and u = sin(azimuth) along its footprint, at the height of its middle."""
+        x, y = self.footprint(16).T
         range_m = np.sqrt(x**2 + y**2 + self.center[2] ** 2)
         return range_m, y / np.maximum(range_m, 1e-9)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from importlib.util import find_spec
@@ -15,7 +15,7 @@ from typing import Any
 
 import cloudpickle
 
-from datafactory.defaults import RAY
+from datafactory.defaults import RAY, Announce
 from datafactory.run.cluster.driver import PROBE_S, REACHED, Begin, Connected, Look
 from datafactory.run.cluster.node import Given, surroundings_of
 from datafactory.run.portions import Engine, PortionWork, Rows, RunFailed
@@ -40,7 +40,7 @@ GONE = (
 
 
 @contextmanager
-def connected(address: str | None, announce: Callable[[str], None]) -> Iterator[RayEngine]:
+def connected(address: str | None, announce: Announce) -> Iterator[RayEngine]:
     """A cluster that is ready to work, until the end of the block.
 
     :param address, announce: see :func:`datafactory.run.portions.opened`
@@ -163,7 +163,7 @@ class RayEngine(Engine):
 
     name = RAY
 
-    def __init__(self, driver: _Driver, cores: int, announce: Callable[[str], None]) -> None:
+    def __init__(self, driver: _Driver, cores: int, announce: Announce) -> None:
         self._driver, self._cores, self._announce = driver, cores, announce
 
     @contextmanager
@@ -187,9 +187,7 @@ class RayPool:
     :param workers: portions at work at a time; 0 for as many as the nodes have cores and memory for
     """
 
-    def __init__(
-        self, work: PortionWork, memory: float, workers: int, driver: _Driver, announce: Callable[[str], None]
-    ) -> None:
+    def __init__(self, work: PortionWork, memory: float, workers: int, driver: _Driver, announce: Announce) -> None:
         self._work, self._memory, self._workers = work, int(memory), workers
         self._driver, self._announce = driver, announce
         self._attempts = Attempts[Portion, Rows]()
