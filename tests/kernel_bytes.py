@@ -134,7 +134,7 @@ def plates() -> Arrays:
     """Shares of mirrors, lines of sight, apertures of corners, and thinning: without fast-math flags."""
     draw = numbers(8)
     points, along, across = draw.uniform(-3.0, 3.0, (3, 1000, 3))
-    rim = Rim.of(draw.uniform(-3.0, 3.0, (40, 2, 3)))
+    rim = Rim.of(draw.uniform(-3.0, 3.0, (80, 3)), np.arange(80).reshape(40, 2))
     up, of_one = np.array([[0.0, 0.0, 1.0]]), np.zeros(1000, dtype=np.int64)
     yield facets._mirror_shares(
         rim, np.tile([0, len(rim.radius)], (1000, 1)), points, along, up, of_one, np.abs(across[:, 0])
