@@ -50,7 +50,7 @@ def answers(*images):
     """What an imager gives for one frame after the other: [R, U] images, or pairs of image and probability."""
     left = iter([image if isinstance(image, tuple) else (image, None) for image in images])
 
-    def detect(_snapshot, _noise_power, _model_error_db, _prior):
+    def detect(_snapshot, _noise_power, _model_error_db, _prior, _place):
         return tuple(one if one is None else torch.from_numpy(one.astype(np.float32))[None] for one in next(left))
 
     return detect
