@@ -30,12 +30,11 @@ from datafactory.frame.points import PointTargets
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.scenes.boxes import CLEAR_M, BoxedThing, Movers
 from datafactory.scenes.drives import CRUISING_SPEEDS, Drives, draw_drive
-from datafactory.scenes.ground import Ground
+from datafactory.scenes.ground import Ground, sensor_ground
 from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import DRAWN_SPEEDS, Pose, Speeds, sample_pose
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.tracks import nearest_m
-from datafactory.scenes.traffic.population import sensor_ground
 from shared.dataset.folder import SPLITS, Split
 from shared.dataset.locations import Location
 from shared.physics.errors import InputError
