@@ -333,9 +333,10 @@ def prepared_scene(
     :param settings: of the frames that will be traced in it: what they need of its shape is found here for all workers
     """
     materials = table.map_materials([item.material for item in scene.objects])
-    merged, triangles = merge_scene(scene, materials), scene.triangle_count
+    merged = merge_scene(scene, materials)
     if settings is not None:
         find_shapes(merged, settings)
+    triangles = scene.triangle_count
     for warning in scene.warnings:
         announce(f"{scene.name}: {warning}")
     if scene.population is not None:
