@@ -14,7 +14,7 @@ from datafactory.scenes.boxes import BoxedThing, boxed_things
 from datafactory.scenes.city.shapes import Surface
 from datafactory.scenes.city.site import Placement
 from datafactory.scenes.scene import Scene, SceneObject
-from datafactory.scenes.traffic.population import FOLDER
+from datafactory.scenes.things import FOLDER
 
 FLAT = ("Ground/", "Covers/")
 """Sheets that everything stands on: no bodies."""

@@ -117,7 +117,7 @@ def measured(case: Case, folder: Path) -> tuple[float, float]:
         scene, radar=radar, frames=case.frames if scene else 0, points=0 if scene else case.frames, rays=case.rays,
         depth=case.depth, effects=case.effects, store=case.store,
     ))  # fmt: skip
-    predicted = load_of(order, opened_scenes(order)).total_bytes(1)
+    predicted = load_of(order, sum(scene.triangle_count for scene in opened_scenes(order))).total_bytes(1)
     frames = ["--split", "1:0:0", "--workers", "1", "--store", case.store, "--radar", radar]
     frames += ["--frames", str(case.frames), "--out", str(folder / "data")]
     command = ["points", *frames]

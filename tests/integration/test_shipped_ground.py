@@ -20,8 +20,7 @@ from manual import ROOT
 from numpy.typing import NDArray
 
 from datafactory.api.asking import load_scene
-from datafactory.scenes.ground import Ground
-from datafactory.scenes.traffic.population import sensor_ground
+from datafactory.scenes.ground import Ground, sensor_ground
 from shared.dataset.folder import SPLITS
 from trainer.run.folder import SceneRecord, read_run
 from trainer.run.pretrained import pretrained_names, pretrained_run

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from prepared_scenes import SCENES
+from sionna_scenes import box
 from town_scenes import BUILDINGS, PLATE
 
 from datafactory.frame.deal import (
@@ -25,11 +27,13 @@ from datafactory.frame.deal import (
 )
 from datafactory.frame.points import PointTargets
 from datafactory.run.preparation import Order
+from datafactory.scenes.boxes import Movers
 from datafactory.scenes.drives import Drives
 from datafactory.scenes.ground import free_ground
+from datafactory.scenes.motion import Track
 from datafactory.scenes.poses import Pose, sample_pose
 from datafactory.scenes.readers.open import open_scene
-from datafactory.scenes.scene import Scene
+from datafactory.scenes.scene import Scene, SceneObject
 from shared.physics.errors import InputError
 from shared.radar import Radar
 
@@ -199,3 +203,20 @@ def test_tracks_of_different_splits_that_meet_are_told() -> None:
     deal = Deal(split="1:0:1", scenes=1, tracks=(track(5), track(5, near), track(5, far)), track_scenes=(0, 0, 0))
     assert deal.remarks() == ["sequences 0 (train) and 1 (test) come within 5.0 m of each other"]
     assert Deal(split="1:0:0", scenes=1, tracks=deal.tracks, track_scenes=(0, 0, 0)).remarks() == []
+
+
+CAR = box("car", (5.0, 0.0, 0.0), (9.0, 2.0, 1.5), "metal")
+TRACK = Track((0.0, 2.0), ((0.0, 0.0, 0.0), (6.0, 0.0, 0.0)), ((3.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+POSES = tuple(Pose((0.0, 0.0, 0.5), time_s=time) for time in (0.0, 1.9, 2.0, 7.0))
+
+
+def test_poses_after_the_last_sample_are_counted() -> None:
+    driven = SceneObject("driven", CAR.vertices, CAR.triangles, "metal", motion=TRACK).as_it_moves()
+
+    def remarks(car: SceneObject, poses: tuple[Pose, ...] = POSES) -> list[str]:
+        return Deal(scenes=1, poses=poses, traffic=(Movers(Scene("street", (CAR, car))),)).remarks()
+
+    assert remarks(driven) == ["street: 2 of 4 poses are not before 2 s, from when on what has samples rests"]
+    assert remarks(driven, POSES[:2]) == []
+    # What goes straight on never ends.
+    assert remarks(replace(CAR, velocity=(1.0, 0.0, 0.0))) == []

@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from factory_command import but_made, shards
-from sionna_scenes import box
 
 from datafactory import Report, RunFailed, render
 from datafactory.frame.deal import split_of
 from datafactory.run import pipeline, portions
 from datafactory.run.portions import Engine, Rows
-from datafactory.run.preparation import _late_poses
 from datafactory.run.progress import FOLDER, handed_over
 from datafactory.run.shards import MOST_FRAMES, PATHS, Portion, plan_shards, portions_of
-from datafactory.scenes.motion import Track
-from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import Scene, SceneObject
 from shared.processes.pool import Finished, ThisProcess
 
 FRAMES = 21
@@ -122,18 +116,3 @@ def test_rows_of_a_run_that_was_killed_are_gone(tmp_path: Path) -> None:
         assert folder == left.parent
         assert list(folder.iterdir()) == []
     assert not folder.exists()
-
-
-CAR = box("car", (5.0, 0.0, 0.0), (9.0, 2.0, 1.5), "metal")
-TRACK = Track((0.0, 2.0), ((0.0, 0.0, 0.0), (6.0, 0.0, 0.0)), ((3.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
-POSES = tuple(Pose((0.0, 0.0, 0.5), time_s=time) for time in (0.0, 1.9, 2.0, 7.0))
-
-
-def test_poses_after_the_last_sample_are_counted() -> None:
-    driven = SceneObject("driven", CAR.vertices, CAR.triangles, "metal", motion=TRACK).as_it_moves()
-    scene = Scene("street", (CAR, driven))
-    expected = "street: 2 of 4 poses are not before 2 s, from when on what has samples rests"
-    assert _late_poses(scene, POSES) == expected
-    assert _late_poses(scene, POSES[:2]) == ""
-    # What goes straight on never ends.
-    assert _late_poses(Scene("street", (replace(CAR, velocity=(1.0, 0.0, 0.0)),)), POSES) == ""

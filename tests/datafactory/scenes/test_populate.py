@@ -14,14 +14,14 @@ from town_scenes import SLOPE, block, two_blocks
 from datafactory.api.asking import load_scene, order_of
 from datafactory.api.options import OrderOptions
 from datafactory.run.preparation import prepare
-from datafactory.scenes.ground import free_ground
+from datafactory.scenes.ground import free_ground, sensor_ground
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.things import Population, Strip
 from datafactory.scenes.traffic.arrange import REACH_M, Asked, parse_populate
-from datafactory.scenes.traffic.population import populated, recorded, sensor_ground
+from datafactory.scenes.traffic.population import populated, recorded
 from datafactory.scenes.traffic.stretches import HORIZON_S, Course, spaced
 from shared.physics.errors import InputError
 

@@ -99,7 +99,7 @@ def forecast(order: Order, directory: Location, workers: int, shard: str | None 
         splits = tuple(split for frame_id, split in enumerate(splits) if frame_id in own)
         scene_frames = sum(frame_id < scene_frames for frame_id in own)
     shards, point_frames = len(plans), len(splits) - scene_frames
-    load, limit = load_of(order, scenes), usable_memory()
+    load, limit = load_of(order, sum(scene.triangle_count for scene in scenes)), usable_memory()
     workers = min(workers or min(processes(0, settings.device), max(1, most_workers(load, limit))), len(splits))
     return Forecast(
         frames=dict(Counter(splits)),

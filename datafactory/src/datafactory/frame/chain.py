@@ -112,11 +112,11 @@ class SceneSource:
         notice where a budget leaves that out."""
         select_variant(self.settings.device)
         frame, scene, front_end = self.frame, self.scene, radar.front_end
-        rays = frame.rays()
+        pose, rays = frame.where, frame.rays()
         fan = RayFan(self.settings.trace.rays, offset=rays.offset)
         settings = replace(self.settings.trace, polarization=(front_end.tx_polarization, front_end.rx_polarization))
         table = at(
-            "trace", trace, scene.merged, frame.where, radar.waveform.mid_sweep_hz, settings, fan,
+            "trace", trace, scene.merged, pose, radar.waveform.mid_sweep_hz, settings, fan,
             rays.solver_seed, frame.target_seed(), self.settings.notice(radar),
         )  # fmt: skip
         return TracedFrame(
@@ -124,11 +124,11 @@ class SceneSource:
             scene=scene.name,
             scene_number=frame.scene,
             seed=frame.seed,
-            pose=frame.where,
+            pose=pose,
             wavelength_m=radar.waveform.wavelength_m,
             point_targets=len(scene.merged.targets),
             table=table,
-            things=seen_things(scene.things, frame.where),
+            things=seen_things(scene.things, pose),
             sequence=frame.sequence,
         )
 

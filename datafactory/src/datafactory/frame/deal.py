@@ -30,12 +30,11 @@ from datafactory.frame.points import PointTargets
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.scenes.boxes import CLEAR_M, BoxedThing, Movers
 from datafactory.scenes.drives import CRUISING_SPEEDS, Drives, draw_drive
-from datafactory.scenes.ground import Ground
+from datafactory.scenes.ground import Ground, sensor_ground
 from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import DRAWN_SPEEDS, Pose, Speeds, sample_pose
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.tracks import nearest_m
-from datafactory.scenes.traffic.population import sensor_ground
 from shared.dataset.folder import SPLITS, Split
 from shared.dataset.locations import Location
 from shared.physics.errors import InputError
@@ -111,6 +110,7 @@ class PreparedScene:
     :param content: hash of the scene
     :param merged: its meshes and targets as the ray tracer takes them
     :param things: what of it gets a box in each frame
+    :param triangles: of its meshes
     """
 
     name: str
@@ -118,6 +118,7 @@ class PreparedScene:
     merged: MergedScene
     materials: MaterialMapping
     things: tuple[BoxedThing, ...] = ()
+    triangles: int = 0
 
 
 @dataclass(frozen=True)
@@ -339,9 +340,13 @@ class Deal(Wanted):
         )
 
     def remarks(self) -> list[str]:
-        """What to say of tracks of different splits that come near each other, and of given poses that something of a
-        population drives or walks through."""
-        said = []
+        """What to say of poses at which everything that had samples stands still, of tracks of different splits that
+        come near each other, and of given poses that something of a population drives or walks through."""
+        said, poses = list[str](), self.given
+        for movers in self.traffic:
+            if late := sum(pose.time_s >= movers.rests_from_s for pose in poses):
+                from_when = f"{movers.rests_from_s:g} s, from when on what has samples rests"
+                said.append(f"{movers.scene}: {late} of {len(poses)} poses are not before {from_when}")
         for one, other in combinations(range(len(self.tracks)), 2):
             splits = split_of(one, self.split), split_of(other, self.split)
             if splits[0] == splits[1] or self.track_scenes[one] != self.track_scenes[other]:

@@ -13,10 +13,10 @@ from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.edges import edges_of
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.slabs import Slabs
+from datafactory.scenes.ground import sensor_ground
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
 from datafactory.scenes.motion import Moving, Track
 from datafactory.scenes.scene import Scene, SceneObject
-from datafactory.scenes.traffic.population import sensor_ground
 from shared.dataset.folder import SPLITS
 from shared.physics.errors import InputError
 from shared.physics.units import SPEED_OF_LIGHT, amplitude_to_db

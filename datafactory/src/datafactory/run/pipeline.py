@@ -17,7 +17,7 @@ from datafactory.paths.corner_edges import all_strips
 from datafactory.paths.trace import find_shapes
 from datafactory.run.memory import processes_ahead, require_room, workers_for
 from datafactory.run.portions import Engine, PortionWork, Writer, deal_out
-from datafactory.run.preparation import Order, Recipe, load_of, opened_scenes, prepare
+from datafactory.run.preparation import Order, Recipe, prepare
 from datafactory.run.progress import FinishedShard, begin, claimed, completed, fingerprint, finish, handed_over
 from datafactory.run.shards import ARGUMENT, ENTRY, ArrayJob, JobEntry, portions_of, provenance
 from datafactory.scenes.materials.table import MaterialTable
@@ -78,8 +78,8 @@ def produce(recipe: Recipe, execution: Execution, started: float) -> Report:
     :raises OSError: the disk or the store fails; what was finished can be resumed
     :raises RunFailed: worker processes died; what was finished can be resumed
     """
-    directory, job, manifest = execution.directory, recipe.job, recipe.manifest
-    arguments, plans = manifest["arguments"], job.plans
+    directory, job, plans, manifest = execution.directory, recipe.job, recipe.plans, recipe.manifest
+    arguments = manifest["arguments"]
     mark = fingerprint(arguments)  # a job's is that of the run in one piece
     if execution.job is not None:
         plans = execution.job.own(plans)
@@ -153,13 +153,12 @@ def render(order: Order, table: MaterialTable, execution: Execution, paths_alone
         if not paths_alone:
             jobs = execution.job.of if execution.job else 1
             require_room(execution.directory, math.ceil(len(order) / jobs), order.radar, order.settings.processing)
-        scenes = opened_scenes(order)
-        order, load = replace(order, scenes=tuple(scenes)), load_of(order, scenes, rendered=not paths_alone)
+        recipe = prepare(order, table, execution.announce, paths_alone)
+        load = recipe.job.load
         if execution.engine.name == LOCAL:
             execution = replace(execution, workers=workers_for(load, execution.workers, execution.announce))
         else:  # this process hands out; what the nodes hold is counted by Ray
             workers_for(load, 1, execution.announce)
         if not paths_alone and (said := statement(order.radar)):
             execution.announce(said)
-        recipe = prepare(order, table, execution.announce, paths_alone)
         return produce(recipe, execution, started)

@@ -29,7 +29,7 @@ from datafactory.paths.solver import load_solver
 from datafactory.paths.storage import to_row, writer_options
 from datafactory.run.memory import Load, keep_freed_memory
 from datafactory.run.progress import FinishedShard, record_finished
-from datafactory.run.shards import PATHS, Portion, ShardPlan, frame_options, plan_shards, write_tables
+from datafactory.run.shards import Portion, ShardPlan, frame_options, write_tables
 from shared.dataset import to_record_batch
 from shared.dataset.locations import Location
 from shared.physics.errors import InputError
@@ -48,6 +48,7 @@ class Job:
     :param settings: of point frames; :param of_scenes: of scene frames
     :param schema_message: Arrow's schema message; a pickled :class:`pyarrow.Schema` forgets that the elements of its
         lists are never null, which would cost every reader a quarter of its time
+    :param load: what decides over the memory of a process that makes its frames
     :param paths_alone: whether the rows are traced paths; otherwise frames
     """
 
@@ -57,12 +58,8 @@ class Job:
     settings: ChainSettings
     of_scenes: ChainSettings
     schema_message: bytes
+    load: Load
     paths_alone: bool
-
-    @property
-    def plans(self) -> tuple[ShardPlan, ...]:
-        """The shards of the whole dataset."""
-        return plan_shards((PATHS,) * len(self.deal) if self.paths_alone else self.deal.splits())
 
     @property
     def schema(self) -> pa.Schema:
@@ -73,13 +70,6 @@ class Job:
     def shard_options(self) -> dict[str, Any]:
         """How its shards are written, see :func:`datafactory.run.shards.write_tables`."""
         return writer_options() if self.paths_alone else frame_options(self.schema)
-
-    @property
-    def load(self) -> Load:
-        """What decides over the memory of a process that makes its frames."""
-        triangles = sum(len(mesh.triangles) for scene in self.scenes for mesh in scene.merged.meshes)
-        rays = self.settings.trace.rays if self.deal.stored else 0
-        return Load(self.radar, self.settings, triangles, traced=bool(self.scenes), stored_rays=rays)
 
     def source(self, frame_id: int) -> Source:
         """Where a frame comes from."""
@@ -95,7 +85,7 @@ class Job:
 
         :param at: called at every step, see :mod:`datafactory.frame.chain`
         """
-        schema, sources = self.schema, map(self.source, frame_ids)
+        schema, sources = self.schema, [self.source(frame_id) for frame_id in frame_ids]
         if not self.paths_alone:
             for frame, counts in make_frames(sources, self.radar, at):
                 yield to_record_batch([frame], schema), counts

@@ -11,7 +11,6 @@ from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from typing import Any
 
-import numpy as np
 from pydantic import BaseModel
 
 from datafactory.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN, DEFAULT_RAYS, Announce
@@ -23,10 +22,9 @@ from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.storage import paths_schema, read_places
 from datafactory.run.memory import Load
 from datafactory.run.portions import Job
-from datafactory.run.shards import PATHS
+from datafactory.run.shards import PATHS, ShardPlan, plan_shards
 from datafactory.scenes.boxes import boxed_things
-from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
-from datafactory.scenes.poses import Pose
+from datafactory.scenes.materials.table import MaterialTable
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
 from shared.dataset import arrow_schema, description
@@ -175,10 +173,12 @@ class Recipe:
     """What a run follows: it is the last that knows of an order.
 
     :param job: what determines the bytes of the frames
+    :param plans: the shards of the whole dataset
     :param manifest: its entries that are the run's own, ``arguments`` among them
     """
 
     job: Job
+    plans: tuple[ShardPlan, ...]
     manifest: dict[str, Any]
 
 
@@ -192,16 +192,15 @@ def prepare(
     """
     if said := _named_in_vain(order):
         announce(said)
-    opened = opened_scenes(order)
+    of_scenes, opened = order.of_scenes, opened_scenes(order)
     scenes = tuple(prepared_scene(scene, table, announce) for scene in opened)
-    arguments, of_scenes = _arguments(order, scenes, paths_alone), order.of_scenes
-    entries = [_entry(source, scene.materials) for source, scene in zip(opened, scenes, strict=True)]
+    deal = dealt(order, opened)
+    for said in deal.remarks():
+        announce(said)
+    plans = plan_shards((PATHS,) * len(deal) if paths_alone else deal.splits())
+    entries = [_entry(source, scene) for source, scene in zip(opened, scenes, strict=True)]
     if order.traced is not None:
         entries = order.traced.entries
-    deal = dealt(order, opened)
-    for said in (*(_late_poses(scene, deal.given) for scene in opened), *deal.remarks()):
-        if said:
-            announce(said)
     about, schema, processing = dict[str, Any](), paths_schema(), order.settings.processing
     if not paths_alone:
         conventions = _conventions(order.radar, processing.truth_window)
@@ -214,12 +213,13 @@ def prepare(
         settings=order.settings,
         of_scenes=of_scenes,
         schema_message=schema.serialize().to_pybytes(),
+        load=load_of(order, sum(scene.triangles for scene in scenes), rendered=not paths_alone),
         paths_alone=paths_alone,
     )
     stated = {name: about[name] for name in STATED if name in about}
     if order.licence is not None:
         stated["license"] = order.licence
-    return Recipe(job, {"arguments": arguments, "scenes": entries, **stated})
+    return Recipe(job, plans, {"arguments": _arguments(order, scenes, paths_alone), "scenes": entries, **stated})
 
 
 STATED = ("radar", "array", "virtual_sensor", "axes", "shapes", "conventions", "truth")
@@ -262,17 +262,17 @@ def opened_scenes(order: Order) -> list[Scene]:
     return [scene if isinstance(scene, Scene) else open_scene(scene) for scene in order.scenes]
 
 
-def load_of(order: Order, scenes: Sequence[Scene], rendered: bool = True) -> Load:
+def load_of(order: Order, triangles: int, rendered: bool = True) -> Load:
     """What decides over the memory of a run.
 
-    :param scenes: of the order, see :func:`opened_scenes`
+    :param triangles: of the order's scenes
     :param rendered: whether cubes are made
     """
     return Load(
         order.radar,
         order.settings,
-        triangles=sum(scene.triangle_count for scene in scenes),
-        traced=bool(scenes),
+        triangles,
+        traced=bool(order.scenes),
         rendered=rendered,
         stored_rays=0 if order.traced is None else order.traced.rays,
     )
@@ -323,6 +323,8 @@ def _as_lists(targets: PointTargets) -> dict[str, Any]:
 def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> PreparedScene:
     """A scene merged, its materials mapped; what was ignored or assumed is announced."""
     materials = table.map_materials([item.material for item in scene.objects])
+    merged = merge_scene(scene, materials)
+    triangles = scene.triangle_count
     for warning in scene.warnings:
         announce(f"{scene.name}: {warning}")
     if scene.population is not None:
@@ -330,13 +332,11 @@ def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> Pr
     mapped = [f"{name or '(none)'} -> {material.name}" for name, (material, _) in materials.entries.items()
               if name != material.name]  # fmt: skip
     told = f"{len(materials.entries)} materials{', ' if mapped else ''}{', '.join(mapped)}"
-    announce(f"{scene.name}: {len(scene.objects)} objects, {scene.triangle_count} triangles, {told}")
+    announce(f"{scene.name}: {len(scene.objects)} objects, {triangles} triangles, {told}")
     unknown = ", ".join(name or "(none)" for name in materials.unknown)
     if unknown:
         announce(f"{scene.name}: unknown materials given the default: {unknown}")
-    return PreparedScene(
-        scene.name, scene.content_hash(), merge_scene(scene, materials), materials, boxed_things(scene)
-    )
+    return PreparedScene(scene.name, scene.content_hash(), merged, materials, boxed_things(scene), triangles)
 
 
 def _named_in_vain(order: Order) -> str:
@@ -347,27 +347,15 @@ def _named_in_vain(order: Order) -> str:
     return f"--effects: {named} made no difference: simulated wherever something to work on is" if named else ""
 
 
-def _late_poses(scene: Scene, poses: Sequence[Pose]) -> str:
-    """What to say of poses at which everything that had samples stands still; "" without such."""
-    motions = [item.motion for item in scene.objects] + [target.motion for target in scene.targets]
-    ends_s = max((motion.ends_s for motion in motions if motion is not None), default=np.inf)
-    late = sum(pose.time_s >= ends_s for pose in poses)
-    if not late:
-        return ""
-    return (
-        f"{scene.name}: {late} of {len(poses)} poses are not before {ends_s:g} s, from when on what has samples rests"
-    )
-
-
-def _entry(scene: Scene, materials: MaterialMapping) -> dict[str, Any]:
+def _entry(scene: Scene, prepared: PreparedScene) -> dict[str, Any]:
     return {
         "name": scene.name,
         "source": scene.source,
-        "content_sha256": scene.content_hash(),
+        "content_sha256": prepared.content,
         "objects": len(scene.objects),
-        "triangles": scene.triangle_count,
+        "triangles": prepared.triangles,
         "point_targets": len(scene.targets),
         "warnings": list(scene.warnings),
-        "materials": materials.to_json(),
+        "materials": prepared.materials.to_json(),
         **({} if scene.population is None else {"population": scene.population.to_json()}),
     }

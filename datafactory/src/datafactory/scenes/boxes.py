@@ -201,6 +201,7 @@ class Movers:
     """The boxes around everything that moves in a scene, upright and along the world's axes, at any time."""
 
     def __init__(self, scene: Scene) -> None:
+        self.scene = scene.name
         self._objects = [item for item in scene.objects if item.moves]
         self._targets = [item for item in scene.targets if item.moves]
         every = [item.motion for item in self._objects] + [target.motion for target in self._targets]

@@ -7,7 +7,7 @@ the topmost surface alone, rasterised triangle by triangle: ground under a bridg
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from datafactory.scenes.materials.table import singular, words
-from datafactory.scenes.scene import PointTarget, Scene
+from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.streets import ROUTE_CLEARANCE_M, cut_into_regions, reachable, streets
+from datafactory.scenes.things import FOLDER, Strip
 from shared.dataset.folder import SPLITS, Split
 from shared.physics.compiled import compiled
 from shared.physics.errors import InputError
@@ -35,6 +36,8 @@ LOWER_RIM_SHARE = 0.1
 """A patch with more of its rim than this above lower ground is a roof or a deck."""
 HALF_LENGTH_M, HALF_WIDTH_M = 1.4, 0.8
 """Of the rectangle of a car's wheels, by whose heights it pitches and rolls."""
+LANE_M = 3.6
+"""Half of the two lanes' width: sensors that are drawn on roads with traffic stand here."""
 ROAD_WORDS = frozenset({"road", "street", "lane", "asphalt", "tarmac", "highway", "strasse", "fahrbahn"})
 Value = TypeVar("Value", bound=np.generic)
 
@@ -254,6 +257,31 @@ def free_ground(scene: Scene) -> Ground:
     street = streets(free, road, obstacle, cell)
     grid = scene.name, heights.origin, cell, heights.surface
     return Ground(*grid, obstacle, free, road, street, *cut_into_regions(street, cell))
+
+
+def sensor_ground(scene: Scene) -> Ground:
+    """Where a sensor may be drawn: free of all that stands, and on the roads with traffic first of all.
+
+    What a population moves is left out here: a frame's time is drawn so that it is away.
+
+    :raises InputError: the scene has no free ground
+    """
+    population = scene.population
+    if population is None:
+        return free_ground(scene)
+    objects = tuple(item for item in scene.objects if not _put_in_and_moves(item))
+    targets = tuple(target for target in scene.targets if not _put_in_and_moves(target))
+    ground = free_ground(replace(scene, objects=objects, targets=targets))
+    road = ground.road.copy()
+    x, y = np.array(ground.origin)[:, None, None] + (np.indices(road.shape) + 0.5) * ground.cell_m
+    for strip in population.roads:
+        lanes = Strip(strip.middle, strip.heading_rad, strip.length_m, min(LANE_M, strip.half_width_m))
+        road |= ground.free & lanes.holds(x, y)
+    return replace(ground, road=road)
+
+
+def _put_in_and_moves(item: SceneObject | PointTarget) -> bool:
+    return item.motion is not None and item.name.startswith(f"{FOLDER}/")
 
 
 def _is_road(name: str, material: str) -> bool:

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain, Real
 
+FOLDER = "populate"
+"""The names of what is put into a scene begin with it."""
 OTHER = "other"
 """Class of what moves and states none."""
 OF_MODELS = {"car": "car", "pedestrian": "pedestrian", "cyclist": "bicycle"}

@@ -18,11 +18,12 @@ from datafactory.scenes.city.city import city
 from datafactory.scenes.city.rules import Style
 from datafactory.scenes.city.usd import write_usd
 from datafactory.scenes.drives import Drives, draw_drive
+from datafactory.scenes.ground import sensor_ground
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.things import Population
 from datafactory.scenes.traffic.arrange import parse_populate
-from datafactory.scenes.traffic.population import populated, sensor_ground
+from datafactory.scenes.traffic.population import populated
 from datafactory.scenes.traffic.stretches import HORIZON_S
 
 ASKED = parse_populate("cars=8,trucks=2,buses=1,cyclists=4,pedestrians=12,poles=12,signs=6,bins=3,benches=2,parked=0.6")

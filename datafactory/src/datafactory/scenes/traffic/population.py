@@ -17,13 +17,10 @@ from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.streets import Mask
 from datafactory.scenes.targets.models import Cyclist, Pedestrian, RcsModel
-from datafactory.scenes.things import Label, Population, Strip
+from datafactory.scenes.things import FOLDER, Label, Population
 from datafactory.scenes.traffic.arrange import Arranged, Asked, arrange, asset, parse_populate
 from datafactory.scenes.traffic.stretches import HORIZON_S, find_stretches
 
-FOLDER = "populate"
-LANE_M = 3.6
-"""Half of the two lanes' width: sensors that are drawn on roads stand here."""
 METRES_OF_ROAD = {
     "cars": 20.0, "trucks": 20.0, "buses": 20.0, "cyclists": 20.0,
     "pedestrians": 12.5, "poles": 12.5, "signs": 20.0, "bins": 20.0, "benches": 20.0,
@@ -123,28 +120,3 @@ def passed_by(scene: Scene, ground: Ground) -> Mask:
             if k >= 0 and m >= 0:
                 marked[max(i, 0) : k + 1, max(j, 0) : m + 1] = True
     return marked
-
-
-def sensor_ground(scene: Scene) -> Ground:
-    """Where a sensor may be drawn: free of all that stands, and on the roads with traffic first of all.
-
-    What a population moves is left out here: a frame's time is drawn so that it is away.
-
-    :raises InputError: the scene has no free ground
-    """
-    population = scene.population
-    if population is None:
-        return free_ground(scene)
-    objects = tuple(item for item in scene.objects if not _put_in_and_moves(item))
-    targets = tuple(target for target in scene.targets if not _put_in_and_moves(target))
-    ground = free_ground(replace(scene, objects=objects, targets=targets))
-    road = ground.road.copy()
-    x, y = np.array(ground.origin)[:, None, None] + (np.indices(road.shape) + 0.5) * ground.cell_m
-    for strip in population.roads:
-        lanes = Strip(strip.middle, strip.heading_rad, strip.length_m, min(LANE_M, strip.half_width_m))
-        road |= ground.free & lanes.holds(x, y)
-    return replace(ground, road=road)
-
-
-def _put_in_and_moves(item: SceneObject | PointTarget) -> bool:
-    return item.motion is not None and item.name.startswith(f"{FOLDER}/")
