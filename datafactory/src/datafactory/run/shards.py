@@ -21,7 +21,7 @@ from typing import Annotated, Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from datafactory.defaults import CPU
 from datafactory.frame.deal import split_of
@@ -266,6 +266,8 @@ class JobEntry(BaseModel):
     :param frames: of the whole dataset
     :param split: pattern of the whole dataset; None for traced paths
     """
+
+    model_config = ConfigDict(frozen=True)
 
     frames: Annotated[int, Field(ge=1)]
     split: str | None
