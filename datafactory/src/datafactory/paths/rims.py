@@ -20,6 +20,8 @@ from shared.physics.vectors import Index, Real
 
 COPLANAR_COSINE = np.cos(np.radians(0.2))
 COPLANAR_M = 1e-3
+"""Of one plane are triangles with normals parallel within 0.2 deg and corners within 1 mm of it [m]: room for what
+modelling tools round, chosen and not measured."""
 STRETCH = 16
 """Edges of a stretch, at most; a rim of no more is one. On munich's ground of 644 edges 8 to 64 are alike, and 4 take
 twice as long (a trial script, four frames)."""

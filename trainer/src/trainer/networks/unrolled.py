@@ -81,9 +81,10 @@ class LearnedStep(nn.Module):
         return self.last(functional.gelu(self.second(functional.gelu(self.first(state)))))
 
 
-def laid_out(rows: torch.Tensor, place: torch.Tensor) -> torch.Tensor:
-    """[D, F, L, U] images of rows [1, F, R, U], of which ``place`` [D, L] says which stands where: one that stands in
-    several images is computed once."""
+def laid_out(
+    rows: Float[torch.Tensor, "1 planes rows bins"], place: Int[torch.Tensor, "images bins_of_range"]
+) -> Float[torch.Tensor, "images planes bins_of_range bins"]:
+    """Images of rows; ``place`` says which stands where. One that stands in several images is computed once."""
     return rows[0].permute(1, 2, 0)[place].permute(0, 3, 1, 2)
 
 
