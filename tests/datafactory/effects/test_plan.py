@@ -67,9 +67,13 @@ def test_a_reason_says_by_what_and_in_how_many_frames() -> None:
     left_out = plan_of_scene("scene", [a_frame_plan(corners=-75.0)], DEFAULT_BUDGET_DB)
     reason = next(item.reason for item in left_out.decisions if item.effect == "corners")
     assert reason.endswith("each at most -75.0 dB of the peak, all of it below the receiver's noise")
-    hidden = replace(a_frame_plan(corners=-20.0), effects=dict.fromkeys(NAMES, False))
-    reason = next(i.reason for i in plan_of_scene("scene", [hidden], -30.0).decisions if i.effect == "corners")
-    assert "nothing of it is in sight" in reason
+    dim = replace(a_frame_plan(BUDGET, corners=-37.4), effects=dict.fromkeys(NAMES, False))
+    hidden = replace(dim, losses=dict.fromkeys(NAMES, Loss()))
+    below = "what is in sight is -37.4 dB of the peak, all of it below the error budget"
+    for frame, told in ((hidden, "nothing of it is in sight"), (dim, below)):
+        reason = next(i.reason for i in plan_of_scene("scene", [frame], -30.0).decisions if i.effect == "corners")
+        assert told in reason
+        assert ("nothing" in reason) == (frame is hidden)
     elsewhere = plan_of_scene("elsewhere", [], DEFAULT_BUDGET_DB)  # where no frame stands
     assert elsewhere.effects.names == ()
     assert {item.reason for item in elsewhere.decisions} == {"no frame of the run stands in this scene"}

@@ -270,7 +270,9 @@ def _reason(name: str, frames: Sequence[FramePlan], worst: Loss) -> str:
     if bound_db <= FLOOR_DB and worst.change_db <= FLOOR_DB:
         return ABSENT.get(name, what)
     if any(name in frame.followed for frame in frames):
-        return f"{what}: looked for, nothing of it is in sight"
+        if worst.change_db <= FLOOR_DB:
+            return f"{what}: looked for, nothing of it is in sight"
+        return f"{what}: looked for; what is in sight is {_told(worst.change_db)} of the peak, all of it below {limit}"
     level_db = bound_db if bound_db > FLOOR_DB else worst.change_db
     return f"{what}: each at most {_told(level_db)} of the peak, all of it below {limit}"
 
