@@ -12,7 +12,7 @@ from trainer.estimators import groups
 from trainer.estimators.array import LineArray, uniform_axis
 from trainer.estimators.fitting import MOST_LINES, RESIDUAL_TAIL, SEARCH_POINTS
 from trainer.estimators.lines import bounded_energy_left
-from trainer.estimators.moves import additions, beside_lines, pairs_elsewhere, refit
+from trainer.estimators.moves import additions, pairs_elsewhere, refit
 
 Lines = NDArray[np.float64]
 """[K] angles."""
@@ -43,17 +43,25 @@ class PlainFit:
 
     def lines(self, given: Sequence[float] = ()) -> Lines:
         """Their angles, rising."""
-        if beside_lines(self.x, self.array, self.axis, np.empty((1, 0)))[0].max() > self.price:
-            self.u = np.array(given)[: self.most] if len(given) else self._added(self.u)[0]
+        lone = self._added(self.u)[0]
+        if self._refined(self.u, 0)[1] - self._refined(lone, int(groups.PRUNING_STEPS))[1] > self.price:
+            self.u = np.array(given)[: self.most] if len(given) else lone
             self._begin()
             self._prune()
-            self._take(self.u, int(groups.STEPS))
-            if self._grow():
-                self._prune()
-            if 0 < len(self.u) <= 2:
-                self._replace(self._added(np.empty(0), groups.ELSEWHERE))
-            if len(self.u) >= 2:
-                self._pairs()
+            self._take(self.u if len(self.u) else lone, int(groups.STEPS))
+            for _ in range(groups.ROUNDS):
+                grown = self._grow()
+                before = self.u
+                if grown:
+                    self._prune()
+                if 0 < len(self.u) <= 2:
+                    self._replace(self._added(np.empty(0), groups.ELSEWHERE))
+                if len(self.u) >= 2:
+                    self._pairs()
+                if 2 < len(self.u) <= groups.MOST_MERGED and groups.CROWDED * len(self.u) >= self.array.channels:
+                    self._merge()
+                if self.u is before:
+                    break
             self._take(self.u, int(groups.STEPS))
         return np.sort(self.u)
 
@@ -112,6 +120,9 @@ class PlainFit:
         for line in range(count if 2 < count <= groups.MOST_SEARCHED else 0):
             if len(self.u) == count:
                 self._replace(self._beside(self.u[line : line + 1], none))
+
+    def _merge(self) -> None:
+        self._replace(np.stack([self._added(fewer)[0] for one in without(self.u) for fewer in without(one)]))
 
     def _beside(self, kept: Lines, avoided: Lines) -> NDArray[np.float64]:
         return pairs_elsewhere(self.x, self.array, self.axis, kept[None], avoided[None], groups.ELSEWHERE)[0]

@@ -35,8 +35,8 @@ APART, REACH = 3, 9
 """Cells between those compared with, and to the farthest of them."""
 RANK_SHARE = 0.5
 """k / N: half of the surroundings may hold echoes."""
-QUADRATURE = 200
-"""Points of the expectation: within 1e-6 of Rohling's product for C = 1."""
+QUADRATURE, FEW_POINTS = 200, 32
+"""Points of the expectation: within 1e-6 of Rohling's product for C = 1; and of what is told of the thresholds."""
 
 
 def cfar_cells(
@@ -71,12 +71,8 @@ def os_cfar(power: NDArray[np.floating], channels: int, false_alarm: float) -> N
 
     :raises InputError: too few cells to compare with
     """
-    away = [_distances(size) for size in power.shape]
-    lags = [(i, j) for i in away[0] for j in away[1] if i or j]
-    if not lags:
-        problem = f"{power.shape[0]} range bins and {power.shape[1]} Doppler cells"
-        raise InputError("--cells", f"'all' of {problem}", "at least 9 of either, or 'peaks'")
-    rank = max(int(RANK_SHARE * len(lags)), 1)
+    lags = _lags(power.shape)
+    rank = _rank(len(lags))
     around = np.stack([np.roll(power, lag, axis=(0, 1)) for lag in lags])
     level = np.partition(around, rank - 1, axis=0)[rank - 1]
     return np.asarray(power > cfar_factor(channels, len(lags), rank, false_alarm) * level)
@@ -95,14 +91,48 @@ def cfar_factor(channels: int, cells: int, rank: int, false_alarm: float) -> flo
 
 def cfar_probability(factor: float, channels: int, cells: int, rank: int) -> float:
     """P of the module's equation."""
-    nodes, weights = np.polynomial.legendre.leggauss(QUADRATURE)
+    level, likely = _levels(channels, cells, rank)
+    return float(likely @ gammaincc(channels, factor * level))
+
+
+def cfar_thresholds(
+    shape: tuple[int, int], channels: int, false_alarm: float = CELL_FALSE_ALARM
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(alpha X_(k) [n], probabilities [n]) that cells of noise of ``shape`` [R, chirps] are compared with."""
+    cells = len(_lags(shape))
+    rank = _rank(cells)
+    level, likely = _levels(channels, cells, rank, FEW_POINTS)
+    return cfar_factor(channels, cells, rank, false_alarm) * level, likely
+
+
+def _levels(
+    channels: int, cells: int, rank: int, points: int = QUADRATURE
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(X_(k) [n], probabilities [n]) in noise."""
+    nodes, weights = np.polynomial.legendre.leggauss(points)
     above = cells - rank + 1
     low, high = betaincinv(rank, above, 1e-13), 1.0 - betaincinv(above, rank, 1e-13)
     v = low + 0.5 * (high - low) * (nodes + 1.0)
-    density = (
-        0.5 * (high - low) * weights * np.exp(xlogy(rank - 1.0, v) + xlog1py(above - 1.0, -v) - betaln(rank, above))
-    )
-    return float(density @ gammaincc(channels, factor * gammainccinv(channels, 1.0 - v)))
+    density = np.exp(xlogy(rank - 1.0, v) + xlog1py(above - 1.0, -v) - betaln(rank, above))
+    return gammainccinv(channels, 1.0 - v), 0.5 * (high - low) * weights * density
+
+
+def _lags(shape: tuple[int, int]) -> list[tuple[int, int]]:
+    """Of the cells that one is compared with.
+
+    :raises InputError: too few
+    """
+    away = [_distances(size) for size in shape]
+    lags = [(i, j) for i in away[0] for j in away[1] if i or j]
+    if not lags:
+        problem = f"{shape[0]} range bins and {shape[1]} Doppler cells"
+        raise InputError("--cells", f"'all' of {problem}", "at least 9 of either, or 'peaks'")
+    return lags
+
+
+def _rank(cells: int) -> int:
+    """k of N = ``cells``."""
+    return max(int(RANK_SHARE * cells), 1)
 
 
 def _distances(size: int) -> list[int]:

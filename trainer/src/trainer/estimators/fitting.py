@@ -74,7 +74,8 @@ def fit_lines(
         raise InputError("candidates", f"shape {np.shape(candidates)}", f"[{len(snapshots)} range bins, any number]")
     # Groups of one bin, so far away that waves are flat and no echo walks from bin to bin.
     far = RangePlace(np.full(len(snapshots), np.inf), np.inf)
-    test = GroupTest(noise_power, model_error_db, FALSE_ALARM, FALSE_ALARM)
+    threshold = line_threshold(array, FALSE_ALARM)
+    test = GroupTest(noise_power, model_error_db, threshold, threshold)
     return fit_groups(snapshots[:, None], np.zeros(1, dtype=np.int64), array, far, candidates, test)
 
 
@@ -99,7 +100,7 @@ class GroupTest:
     """What a line of a group has to stand out of.
 
     :param noise_power, model_error_db: as of :func:`fit_lines`
-    :param first, further: false-alarm probabilities of a group's first line and of every other one
+    :param first, further: energies that a group's first line and every other one must take, in units of the noise
     """
 
     noise_power: float
@@ -123,8 +124,7 @@ def fit_groups(
     :param candidates: as of :func:`fit_lines`
     """
     cells, bins = np.asarray(cells, np.complex128), np.asarray(bins, np.int64)
-    thresholds = line_threshold(array, test.first), line_threshold(array, test.further)
-    model = _model(array, bins, *thresholds, place.walk(array))
+    model = _model(array, bins, test.first, test.further, place.walk(array))
     thermal = row_powers(test.noise_power, len(cells))
     white = whitening(bins)
     whitened = np.einsum("mn,bnc->bmc", white * alternating(bins), cells)

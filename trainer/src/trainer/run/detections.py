@@ -23,7 +23,6 @@ from shared.physics.units import amplitude_to_db, db_to_power, power_to_db
 from shared.radar import Radar
 from shared.signal.ego_motion import EgoMotion, moving_probability
 from shared.signal.model_error import model_error_ratio, with_model_error
-from trainer.data.cfar import CELL_FALSE_ALARM
 from trainer.data.measurements import Cells
 from trainer.estimators.array import LineArray, uniform_axis
 from trainer.estimators.fitting import (
@@ -38,13 +37,14 @@ from trainer.estimators.fitting import (
 )
 from trainer.estimators.moves import beside_lines
 from trainer.estimators.velocities import UNIFORM, velocity_offsets
-from trainer.run.certainty import first_line_probability, line_probability
+from trainer.run.certainty import line_probability
+from trainer.run.false_alarms import first_line_threshold
 from trainer.run.targets_once import Beams, Lines
 
 CANDIDATES = 6
 """Peaks of a row's score that its fit begins with: the fit adds what is missing and drops what is needless."""
 FALSE_ALARMS = 1.0
-"""Expected lines of a frame of noise alone, by :mod:`trainer.run.certainty`."""
+"""Expected lines of a frame of noise alone, by :mod:`trainer.run.false_alarms`."""
 HEARD_SHARE = 0.5
 """Of the threshold of a group: a cell that holds less of its own is no centre. Half-way between bins, and between
 Doppler cells, a target loses 1.4 dB to the Hann window: both together are less than this half."""
@@ -144,30 +144,33 @@ def find_detections(
     cells = np.rint(np.asarray(velocity, dtype=np.float64) / waveform.velocity_step_mps).astype(np.int64)
     range_m = np.maximum(np.arange(snapshots.shape[1]), 1) * waveform.range_step_m
     straight = np.exp(-1j * array.bend_phase(range_m))
-    snapshots, beside = snapshots * straight, None if seen.beside is None else seen.beside * straight
-    about, share = (new, 1.0 / waveform.chirps) if centre is None else (new & centre, CELL_FALSE_ALARM)
-    first = first_line_probability(sought.false_alarms, radar, array, share)
-    least = HEARD_SHARE * line_threshold(array, first) * sought.noise_power
-    peak, row = _centres(*_heard(snapshots, about, array, least), cells)
+    about = new if centre is None else new & centre
+    first = first_line_threshold(sought.false_alarms, radar, array, centre is not None)
+    least = HEARD_SHARE * first * sought.noise_power
+    peak, row = _centres(*_heard(snapshots * straight, about, array, least), cells)
     score = image[peak, row].astype(np.float64)
     if probability is not None:
         score *= np.sqrt(probability[peak, row])
-    further = min(sought.false_alarms / max(len(row), 1), FALSE_ALARM)
+    further = line_threshold(array, min(sought.false_alarms / max(len(row), 1), FALSE_ALARM))
     test = GroupTest(sought.noise_power, sought.model_error_db, first, further)
     candidates = score_peaks(score, axis, CANDIDATES)
     found, part = [], []
     for peaks_at, members in _patterns(peak, row, cells, new):
         bins = np.array(list(peaks_at))
         places = [(peaks_at[step], row[members] + step) for step in peaks_at]
-        values = np.stack([snapshots[place] for place in places], axis=1)
+        # All cells of a group as its centre: bent by their own ranges, near bins would have other noise in common.
+        values, *others = (
+            np.stack([there[place] for place in places], axis=1) * straight[row[members], None]
+            for there in (snapshots, *(() if seen.beside is None else seen.beside))
+        )
         at = RangePlace(range_m[row[members]], waveform.range_step_m)
         fitted = fit_groups(values, bins, array, at, candidates[members], test)
         power = np.mean(np.abs(values) ** 2, axis=2)
         noise = with_model_error(sought.noise_power, power.max(axis=1), model_error_ratio(sought.model_error_db))
         group, line = np.nonzero(np.abs(fitted.amplitude) > 0.0)
         shift = np.zeros(fitted.u.shape), np.full(fitted.u.shape, UNIFORM)
-        if beside is not None:
-            below, above = (np.stack([cells_there[place] for place in places], axis=1) for cells_there in beside)
+        if others:
+            below, above = others
             shift = velocity_offsets(np.stack([below, values, above]), bins, array, at, fitted, sought.noise_power)
         columns = (fitted.u, fitted.offset, np.abs(fitted.amplitude), fitted.u_std, fitted.offset_std, *shift)
         found.append(np.stack([values[group, line] for values in columns]))
@@ -188,7 +191,7 @@ def find_detections(
     # What the waves of simulated data leave is no error of an element.
     error = max(model_error_ratio(sought.model_error_db) - model_error_ratio(MODEL_ERROR_DB), 0.0)
     kept = lines.no_ghosts(kept, array, -np.log(GHOST_PROBABILITY) * error * float(db_to_power(REPORTED_WITHIN_DB)))
-    beams = Beams(snapshots, np.where(new, cells, np.iinfo(np.int64).max), range_m, array)
+    beams = Beams(snapshots * straight, np.where(new, cells, np.iinfo(np.int64).max), range_m, array)
     kept = lines.no_sidebands(kept, beams, SIDEBANDS_DB + float(power_to_db(waveform.chirps)))
     # The cell that a line stands in; the centre's where that one is not known.
     own = _peak_in(cells, new, cell[kept], nearest[kept])

@@ -1,0 +1,152 @@
+"""What a line must pass, for a number of false lines in a frame of noise.
+
+The matched filter of a group of range bins, over the angle u and the range offset r, is in noise a complex Gaussian
+field z of unit variance. Its local maxima with |z|^2 above a high level t have the expected density (Worsley 1994,
+"Local maxima and the expected Euler characteristic of excursion sets of chi-squared, F and t fields", Adv. Appl. Prob.
+26, of a chi-squared field of two degrees of freedom)
+
+    beta sqrt(t / pi) exp(-t)                               over u, of a group of one bin (also Rice 1944)
+    beta sqrt(lambda) (2 t - 1) / (2 pi) exp(-t)            over u and r, of more
+
+with beta = k std(p) over the elements' places p and lambda = |P_b b'|^2 / |b|^2, b(r) the windows' whitened responses
+and P_b the projection off b: the variances of the field's slopes in u and r. Of the maxima one line is listed, the
+highest.
+
+Only cells are fitted that are chosen for their power X over all C channels. In its own cell a line takes the share
+g(r) = h(r)^2 / |b|^2 of its energy T, and has no slope in u: the rest of X is nearly of a Gamma distribution of shape
+D = C - g - 1/2, so that a cell whose threshold is tau is chosen with probability Q(D, tau - g T), Q the upper tail. tau
+itself is random: the largest of the other N - 1 cells of a range bin of N, or what OS-CFAR makes of the cells around
+(:mod:`trainer.data.cfar`).
+
+Beside a maximum of height T a lobe of the array whose correlation is rho has the field
+rho sqrt(T) + CN(0, (1 - rho^2) / (1 - s)), s = -d log Q / d tau: the rest of a chosen cell is stronger than noise. The
+lobe is higher with Marcum's probability Q_1, and kappa is the product over all lobes of what that leaves.
+
+A frame of R range bins so lists
+
+    R N E_e[ int int density(t) kappa(t + e) E_tau Q(D, tau - g (t + e)) du dr ],    e exponential
+
+lines. Stored peaks of noise have no neighbour in their Doppler cell, if there is more than one: they are groups of
+one bin. Left out: a choice
+among neighbouring Doppler cells, whose noise is alike. How many are listed is measured in docs/notes/points.md.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import gammaincc, gammainccinv
+from scipy.stats import ncx2
+
+from shared.radar import Radar
+from trainer.data.cfar import cfar_thresholds
+from trainer.estimators.array import LineArray, uniform_axis
+from trainer.estimators.fitting import hann_response, hann_slope, whitening
+
+LEAST, MOST = 1.0, 700.0
+"""Levels between which the answer is sought."""
+REACH_BINS, OWN_BINS = 1.5, 0.5
+"""Lines of a group stand within: where cells are chosen, and where every bin's only cell is fitted."""
+QUADRATURE = 16
+"""Points of each expectation: with 64 the level is the same within 0.01."""
+LOWER = 0.1
+"""Of a threshold, over which s is a quotient of differences."""
+LEAST_SHAPE = 1e-9
+"""Of a Gamma distribution: a single channel has no rest."""
+LOBE_POINTS = 16
+"""Angles in a resolution cell among which lobes are sought."""
+
+
+def first_line_threshold(lines: float, radar: Radar, array: LineArray, every_cell: bool) -> float:
+    """t, in units of the noise of one channel, that ``lines`` lines of a frame of noise pass.
+
+    :param array: in which lines are fitted; cells are chosen by all channels of the radar
+    :param every_cell: cells that pass OS-CFAR are fitted, else the strongest Doppler cell of each range bin
+    """
+    shape = radar.waveform.range_bins, radar.waveform.chirps
+    seen = radar.grid.bins * radar.grid.step
+    return _threshold(
+        lines, shape, radar.array.channels, tuple(array.positions_m), array.wavelength_m, seen, every_cell
+    )
+
+
+@lru_cache(maxsize=64)
+def _threshold(
+    lines: float,
+    shape: tuple[int, int],
+    channels: int,
+    positions_m: tuple[float, ...],
+    wavelength_m: float,
+    seen: float,
+    every_cell: bool,
+) -> float:
+    array = LineArray(np.array(positions_m), wavelength_m)
+    slope = 2.0 * np.pi / wavelength_m * float(np.std(array.positions_m)) * seen
+    lobes = _lobes(array)
+    beyond, share = np.polynomial.laguerre.laggauss(QUADRATURE)
+    tau, likely = cfar_thresholds(shape, channels) if every_cell else strongest_of(shape[1], channels)
+    grouped, reach = every_cell or shape[1] == 1, REACH_BINS if every_cell else OWN_BINS
+    r, width = (reach * values for values in np.polynomial.legendre.leggauss(QUADRATURE))
+    along, own = _group(r)
+    if not grouped:
+        along, own, width = np.ones((3, 1))
+
+    def chosen(height: NDArray[np.float64], lower: float) -> NDArray[np.float64]:
+        """[r, height] by how likely cells are, with thresholds lower by so much."""
+        own_share = own[:, None, None]
+        rest = np.maximum(tau - lower - own_share * height[:, None], 0.0)
+        return np.asarray(gammaincc(np.maximum(channels - own_share - 0.5, LEAST_SHAPE), rest) @ likely)
+
+    def excess(level: float) -> float:
+        height = level + beyond
+        density = (2.0 * level - 1.0) / (2.0 * np.pi) * along if grouped else np.sqrt(level / np.pi)
+        maxima, more = ((density * width) @ chosen(height, lower) for lower in (0.0, LOWER))
+        maxima = maxima * _highest(height, 1.0 / (1.0 - np.log(more / maxima) / LOWER), lobes)
+        return float(np.log(shape[0] * shape[1] * slope * (maxima @ share) / lines) - level)
+
+    if excess(LEAST) <= 0.0:
+        return LEAST
+    return float(brentq(excess, LEAST, MOST))
+
+
+def strongest_of(cells: int, channels: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(tau [n], probabilities [n]): the largest power of the other cells of noise, summed over the channels."""
+    nodes, weights = np.polynomial.legendre.leggauss(QUADRATURE)
+    if cells < 2:
+        return np.zeros(1), np.ones(1)
+    above = -np.expm1(np.log(0.5 * (nodes + 1.0)) / (cells - 1))
+    return gammainccinv(channels, above), 0.5 * weights
+
+
+def _group(r: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(sqrt(lambda) [n], g [n]) of a group of three bins at these offsets from its centre [bins]."""
+    bins = np.array([-1, 0, 1])
+    response = whitening(bins) @ hann_response(bins[:, None] - r)
+    slope = -whitening(bins) @ hann_slope(bins[:, None] - r)
+    energy = np.sum(response**2, axis=0)
+    slope -= response * np.sum(slope * response, axis=0) / energy
+    return np.sqrt(np.sum(slope**2, axis=0) / energy), hann_response(r) ** 2 / energy
+
+
+def _lobes(array: LineArray) -> NDArray[np.float64]:
+    """[n] |rho| of the array's lobes but the main one."""
+    pattern = np.abs(array.manifold(uniform_axis(array, LOBE_POINTS)).mean(axis=0))
+    peak = (pattern > np.roll(pattern, 1)) & (pattern >= np.roll(pattern, -1))
+    peak[pattern.argmax()] = False
+    return pattern[peak]
+
+
+def _highest(
+    height: NDArray[np.float64], power: NDArray[np.float64], lobes: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """kappa [n] of maxima of these heights in cells whose rest has ``power`` [n].
+
+    Q_1(a, b) is the upper tail of the noncentral chi-squared distribution of two degrees of freedom and noncentrality
+    a^2 at b^2.
+    """
+    variance = np.maximum(1.0 - lobes**2, 1e-9)[:, None] * power
+    higher = ncx2.sf(2.0 * height / variance, 2, 2.0 * lobes[:, None] ** 2 * height / variance)
+    return np.asarray(np.prod(1.0 - higher, axis=0))
