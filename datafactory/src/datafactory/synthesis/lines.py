@@ -1,18 +1,16 @@
 """Echoes to a grid of range cells and Doppler lines: a path is spread once a frame instead of once a chirp.
 
-With nu the position in the sweep, eta that in the frame, f_0 the frequency at nu = 0 and kappa = B / f_0, a path whose
-delay moves evenly is, in cycles,
+With nu the position in the sweep, eta that in the frame and eta' = (1 + nu kappa) eta, the grid's atoms are
+exp(j 2 pi (g nu / h + f_l eta')): range cell g, h of them in a bin, and Doppler line l. An atom leaves of a path
 
-    f_0 tau_0 + x nu + (1 + nu kappa) f eta,          x = B tau_0,  f = f_0 tau_1 T.
+    exp(j 2 pi z nu) exp(j 2 pi s(eta')) (1 + (j 2 pi nu) e + (j 2 pi nu)^2 (e^2 - j g / pi) / 2 + ...),
 
-The grid's atoms are exp(j 2 pi (g nu / h + (1 + nu kappa) f_l eta)): range cell g, Doppler line l. The line's part is a
-function of eta' = (1 + nu kappa) eta alone, so that what is left of the path separates,
-
-    exp(j 2 pi z nu) exp(j 2 pi s(eta')),             z = x - g / h,  s = the phase that the line leaves,
-
-and each factor is a sum of a few neighbouring atoms. The first is the polynomial in z of
-:mod:`datafactory.synthesis.spread`. The second is known at a few instants of the frame, where the delay of the arrays'
-centres is evaluated exactly; :mod:`datafactory.synthesis.slow_time` turns its values there into weights of lines.
+with z the range beyond the cell [bins], s the phase that the line leaves, and e(eta') and g(eta') what a delay that
+curves has (docs/notes/synthesis.md derives them). As many *orders* as a path calls for are separable terms. The first
+factor is the polynomial in z of :mod:`datafactory.synthesis.spread`; (j 2 pi nu)^n times it is its n-th derivative by
+z. The rest is known at a few instants of the frame, where the delay of the arrays' centres is evaluated exactly, and
+:mod:`datafactory.synthesis.slow_time` turns its values there into weights of lines. What is left out is part of the
+path's error (:mod:`datafactory.synthesis.motion`).
 
 An element c has the phase of the centres, one of its own at mid-frame, which is evaluated exactly, and in between
 
@@ -21,19 +19,6 @@ An element c has the phase of the centres, one of its own at mid-frame, which is
 with d, q and c from the derivatives of its length at mid-frame. Its factor exp(j 2 pi d_c eta) is a polynomial in d_c
 (:func:`shared.signal.sweep.shift_polynomials`), so that a line's weight is one as well, whose coefficients all elements
 share. *Close* paths have many terms, q_c to second and c_c to first order; others have few, and neither q_c nor c_c.
-
-A delay that curves does not separate wholly. Let the phase be sum_p c_p eta^p and the range sum_p d_p eta^p / kappa,
-equal to each other but for motion within the chirp. With eta = eta' / (1 + nu kappa), what is left is a phase
-
-    2 pi (nu e(eta') + nu^2 g(eta') + ...),
-    e = kappa sum_p (d_p - p c_p) eta'^p,             g = kappa^2 sum_p (p (p + 1) / 2 c_p - p d_p) eta'^p,
-
-that is -kappa q eta'^2 and kappa^2 q eta'^2 for a curvature q. Its exponential in powers of j 2 pi nu is
-
-    1 + (j 2 pi nu) e + (j 2 pi nu)^2 (e^2 - j g / pi) / 2 + ...,
-
-of which as many *orders* as a path calls for are separable terms: (j 2 pi nu)^n exp(j 2 pi z nu) is the n-th derivative
-by z of the range's factor. What is left out is part of the path's error (:mod:`datafactory.synthesis.motion`).
 """
 
 from __future__ import annotations
