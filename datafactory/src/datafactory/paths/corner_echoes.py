@@ -1,11 +1,9 @@
 """Echoes of right-angled corners: two bounces, once in each order, by physical optics.
 
-A corner turns every wave back to where it comes from. The ray that would do so for the radar itself runs into the edge,
-where geometric optics has nothing. Physical optics has: the first face reflects as a plane (its image of the radar),
-and the field that it throws on the second face is integrated there (Griesser and Balanis, IEEE Trans. Antennas
-Propag. 35 (1987) 1137). In the plane across the edge let the radar stand at distance h and at the angle phi from the
-first face, the second face at the angle psi (a right angle and a little). A wave that meets the second face at distance
-b from the edge has come from the first at
+docs/notes/corners.md has the method, the delay law and the limits. The first face reflects as a plane, and the field
+that it throws on the second face is integrated there (Griesser and Balanis, IEEE Trans. Antennas Propag. 35 (1987)
+1137). In the plane across the edge let the radar stand at distance h and at the angle phi from the first face, the
+second face at the angle psi. A wave that meets the second face at distance b from the edge has come from the first at
 
     a = h b sin(phi + psi) / (h sin(phi) + b sin(psi)),
 
@@ -19,24 +17,12 @@ both integrals are Fresnel's,
 
     F = 1 / (1 + j) int exp(j pi v^2 / 2) dv,      A = Gamma_1 Gamma_2 lambda / (4 pi L*) F_across F_along,
 
-and an endless plane has F = 1. Each order fills the half of the aperture that enters on its own first face: at a right
-angle both together make it once, of the width 2 min(D_1 sin(phi), D_2 cos(phi)). Far away that is
-8 pi a^2 b^2 / lambda^2 for faces of a x b seen on axis. Ends whose way is more
-than ``SPREAD_M`` longer fade out; their echo would come from elsewhere (:mod:`datafactory.paths.corner_aperture`).
+and an endless plane has F = 1. Ends whose way is more than ``SPREAD_M`` longer fade out; their echo would come from
+elsewhere (:mod:`datafactory.paths.corner_aperture`).
 
-The polarisation turns as the two planes turn it: TE and TM parts of both slabs' coefficients. Sight is tested at points
-of both faces within the first Fresnel zones; the aperture counts where both legs are free.
-
-**Delay.** The image of the TX in both faces is the TX turned by 2 psi about the edge: c tau = |x_j - (s + H x_i)| with
-H that rotation, the table's law of specular paths. It is exact where the aperture is wider than a Fresnel zone. A
-smaller corner sends back like a point, the law of scattered paths. Between elements w apart across the edge the laws
-differ by w^2 / (4 h). The width decides that lies along the array (:func:`.diffraction.along_array`). A corner beside
-the foot of the perpendicular also sends back like a point, from where its integral's phase has its centre.
-
-Limits: openings within ``OFF_SQUARE_DEG`` of a right angle. There a wave of either order leaves 6 deg off its way at
-most, and its specular points lie within sin(3 deg) sqrt(2 h / lambda), 0.8 to 9 Fresnel zones at 0.5 to 60 m, of the
-edge. Beyond, an acute corner has mirror paths of its own and an obtuse one sends nothing back. Faces reach a few
-wavelengths or more. Left out: diffraction at the far end of the first face, and what is lit through panes.
+At ``OFF_SQUARE_DEG`` from a right angle a wave of either order leaves 6 deg off its way at most, and its specular
+points lie within sin(3 deg) sqrt(2 h / lambda), 0.8 to 9 Fresnel zones at 0.5 to 60 m, of the edge. Beyond, an acute
+corner has mirror paths of its own and an obtuse one sends nothing back.
 """
 
 from __future__ import annotations

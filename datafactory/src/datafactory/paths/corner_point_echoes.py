@@ -1,21 +1,17 @@
 """Echoes of trihedral corners: three bounces, in each of the six orders of the faces, by physical optics.
 
-Three mirrors at right angles invert every point in the one that they share, X: the image of the TX is 2 X - x, and all
-ways have the length 2 R, R = |X|. A ray that comes in at w from X, across the line of sight, goes out at -w. It does so
-if it meets a face at w and leaves one at -w; the aperture is the outline of the three faces, seen from the radar, and
-the same outline turned by 180 deg, as far as they overlap. Over that aperture, in polar coordinates around X,
+docs/notes/corners.md says why. Over the outline of the three faces, seen from the radar, where it overlaps with itself
+turned by 180 deg around the point X that they share, in polar coordinates around X and with R = |X|,
 
     F = (1 / 2 pi) int (1 - exp(j k Delta(theta))) d(theta),    A = Gamma_1 Gamma_2 Gamma_3 lambda / (8 pi R) F,
 
-with Delta how much longer the way by the outline is than 2 R, in either direction the shorter one. Small triangles of
-legs a have the aperture a^2 / sqrt(3) on axis, and 4 pi a^4 / (3 lambda^2). The face met first is that at theta, the
-last that at theta + pi: that gives the order of the slabs' coefficients and how they turn the polarisation.
+with Delta how much longer the way by the outline is than 2 R, in either direction the shorter one. The face met first
+is that at theta, the last that at theta + pi: that gives the order of the slabs' coefficients and how they turn the
+polarisation.
 
-Delay: that of the image, the table's law of specular paths with s = 2 X, H = -1; of a corner within a Fresnel zone that
-of a point. Sight is tested in 24 directions around X.
-
-Limits: right angles. A corner whose edges are so far off that the phase would turn by more than 1/8 cycle across the
-aperture is left out and counted. The sensor's own parallax over the aperture is that of its distance to X.
+Delay: that of the image 2 X - x, the table's law of specular paths with s = 2 X, H = -1; of a corner within a Fresnel
+zone that of a point. Sight is tested in 24 directions around X. The sensor's own parallax over the aperture is that of
+its distance to X.
 """
 
 from __future__ import annotations

@@ -1,18 +1,16 @@
 """Echoes to a grid of range cells and Doppler lines: a path is spread once a frame instead of once a chirp.
 
-With nu the position in the sweep, eta that in the frame, f_0 the frequency at nu = 0 and kappa = B / f_0, a path whose
-delay moves evenly is, in cycles,
+With nu the position in the sweep, eta that in the frame and eta' = (1 + nu kappa) eta, the grid's atoms are
+exp(j 2 pi (g nu / h + f_l eta')): range cell g, h of them in a bin, and Doppler line l. An atom leaves of a path
 
-    f_0 tau_0 + x nu + (1 + nu kappa) f eta,          x = B tau_0,  f = f_0 tau_1 T.
+    exp(j 2 pi z nu) exp(j 2 pi s(eta')) (1 + (j 2 pi nu) e + (j 2 pi nu)^2 (e^2 - j g / pi) / 2 + ...),
 
-The grid's atoms are exp(j 2 pi (g nu / h + (1 + nu kappa) f_l eta)): range cell g, Doppler line l. The line's part is a
-function of eta' = (1 + nu kappa) eta alone, so that what is left of the path separates,
-
-    exp(j 2 pi z nu) exp(j 2 pi s(eta')),             z = x - g / h,  s = the phase that the line leaves,
-
-and each factor is a sum of a few neighbouring atoms. The first is the polynomial in z of
-:mod:`datafactory.synthesis.spread`. The second is known at a few instants of the frame, where the delay of the arrays'
-centres is evaluated exactly; :mod:`datafactory.synthesis.slow_time` turns its values there into weights of lines.
+with z the range beyond the cell [bins], s the phase that the line leaves, and e(eta') and g(eta') what a delay that
+curves has (docs/notes/synthesis.md derives them). As many *orders* as a path calls for are separable terms. The first
+factor is the polynomial in z of :mod:`datafactory.synthesis.spread`; (j 2 pi nu)^n times it is its n-th derivative by
+z. The rest is known at a few instants of the frame, where the delay of the arrays' centres is evaluated exactly, and
+:mod:`datafactory.synthesis.slow_time` turns its values there into weights of lines. What is left out is part of the
+path's error (:mod:`datafactory.synthesis.motion`).
 
 An element c has the phase of the centres, one of its own at mid-frame, which is evaluated exactly, and in between
 
@@ -21,19 +19,6 @@ An element c has the phase of the centres, one of its own at mid-frame, which is
 with d, q and c from the derivatives of its length at mid-frame. Its factor exp(j 2 pi d_c eta) is a polynomial in d_c
 (:func:`shared.signal.sweep.shift_polynomials`), so that a line's weight is one as well, whose coefficients all elements
 share. *Close* paths have many terms, q_c to second and c_c to first order; others have few, and neither q_c nor c_c.
-
-A delay that curves does not separate wholly. Let the phase be sum_p c_p eta^p and the range sum_p d_p eta^p / kappa,
-equal to each other but for motion within the chirp. With eta = eta' / (1 + nu kappa), what is left is a phase
-
-    2 pi (nu e(eta') + nu^2 g(eta') + ...),
-    e = kappa sum_p (d_p - p c_p) eta'^p,             g = kappa^2 sum_p (p (p + 1) / 2 c_p - p d_p) eta'^p,
-
-that is -kappa q eta'^2 and kappa^2 q eta'^2 for a curvature q. Its exponential in powers of j 2 pi nu is
-
-    1 + (j 2 pi nu) e + (j 2 pi nu)^2 (e^2 - j g / pi) / 2 + ...,
-
-of which as many *orders* as a path calls for are separable terms: (j 2 pi nu)^n exp(j 2 pi z nu) is the n-th derivative
-by z of the range's factor. What is left out is part of the path's error (:mod:`datafactory.synthesis.motion`).
 """
 
 from __future__ import annotations
@@ -204,31 +189,32 @@ def _channels(rx_seen, tx_seen, kappa, lead, close, seen):
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _cell_taps(seen, weights, cells, powers, orders, taps):
     """Weights of all cells, their derivatives by the shift and half of the second ones, [orders, cells, LANES]."""
-    for lane in range(LANES):
-        z, to = seen[_BINS + lane], np.uint64(lane)
-        for g in range(len(cells)):
-            value, slope, bend = weights[g, len(powers) - 1], np.float32(0.0), np.float32(0.0)
+    for g in range(len(cells)):
+        for lane in range(LANES):
+            z, to = seen[_BINS + lane], np.uint64(g * LANES + lane)
+            first = np.uint64(g * len(powers))
+            value, slope, bend = weights[first + np.uint64(len(powers) - 1)], np.float32(0.0), np.float32(0.0)
             for p in range(len(powers) - 1):
                 if len(orders) > 2:
                     bend = bend * z + slope
                 if len(orders) > 1:
                     slope = slope * z + value
-                value = value * z + weights[g, len(powers) - 2 - p]
-            taps[to + np.uint64(g * LANES)] = value
+                value = value * z + weights[first + np.uint64(len(powers) - 2 - p)]
+            taps[to] = value
             if len(orders) > 1:
-                taps[to + np.uint64((len(cells) + g) * LANES)] = slope
+                taps[to + np.uint64(len(cells) * LANES)] = slope
             if len(orders) > 2:
-                taps[to + np.uint64((2 * len(cells) + g) * LANES)] = bend
+                taps[to + np.uint64(2 * len(cells) * LANES)] = bend
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _polynomial(coefficients, at, d, terms):
-    """re and im of a polynomial in d, whose coefficients stand CHUNK apart from index ``at`` on."""
-    step, last = np.uint64(CHUNK), at + np.uint64((2 * len(terms) - 2) * CHUNK)
-    re, im = coefficients[last], coefficients[last + step]
+    """re and im of a polynomial in d, whose coefficients begin at index ``at``."""
+    one, last = np.uint64(1), at + np.uint64(2 * len(terms) - 2)
+    re, im = coefficients[last], coefficients[last + one]
     for p in range(len(terms) - 1):
-        here = last - np.uint64((2 * p + 2) * CHUNK)
-        re, im = re * d + coefficients[here], im * d + coefficients[here + step]
+        here = last - np.uint64(2 * p + 2)
+        re, im = re * d + coefficients[here], im * d + coefficients[here + one]
     return re, im
 
 
@@ -241,17 +227,20 @@ def _line_taps(seen, coefficients, part, step, terms, close, to, taps):
     for lane in range(LANES):
         d, a_re, a_im = seen[_D + lane], seen[_RE + lane], seen[_IM + lane]
         x, y = _polynomial(coefficients, np.uint64(part), d, terms)
+        if len(close) > 1:
+            u, v = _polynomial(coefficients, np.uint64(part + step), d, terms)
+            x, y = x + seen[_Q + lane] * u, y + seen[_Q + lane] * v
         taps[np.uint64(to + lane)] = x * a_re - y * a_im
         taps[np.uint64(to + LANES + lane)] = x * a_im + y * a_re
     if len(close) > 1:
-        for own in range(1, 4):
-            for lane in range(LANES):
-                d, q, c = seen[_D + lane], seen[_Q + lane], seen[_C + lane]
-                size = q if own == 1 else (q * q if own == 2 else c)
-                a_re, a_im = size * seen[_RE + lane], size * seen[_IM + lane]
-                x, y = _polynomial(coefficients, np.uint64(part + own * step), d, terms)
-                taps[np.uint64(to + lane)] += x * a_re - y * a_im
-                taps[np.uint64(to + LANES + lane)] += x * a_im + y * a_re
+        for lane in range(LANES):
+            d, q, c = seen[_D + lane], seen[_Q + lane], seen[_C + lane]
+            a_re, a_im = seen[_RE + lane], seen[_IM + lane]
+            u, v = _polynomial(coefficients, np.uint64(part + 2 * step), d, terms)
+            x, y = _polynomial(coefficients, np.uint64(part + 3 * step), d, terms)
+            x, y = q * q * u + c * x, q * q * v + c * y
+            taps[np.uint64(to + lane)] += x * a_re - y * a_im
+            taps[np.uint64(to + LANES + lane)] += x * a_im + y * a_re
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
@@ -299,10 +288,13 @@ def add_lines(paths, sensor, sweep, weights, forms, grid):
     departure, frequency, constant = np.empty(CHUNK), np.empty(CHUNK), np.empty(CHUNK)
     tx_seen = np.zeros((tx_count, 6, CHUNK))
     values = np.zeros((len(orders), parts, 2 * len(node), CHUNK))
-    coefficients = np.zeros((len(orders), parts, len(matrix), CHUNK), dtype=single)
-    product = np.empty((len(matrix), CHUNK))
+    # Those of a path stand together: the loops over its elements read them from the first cache.
+    coefficients = np.zeros((len(orders), parts, CHUNK, len(matrix)), dtype=single)
+    by_value, by_value_single = matrix.T, np.ascontiguousarray(matrix.T).astype(single)
+    product, rounded = np.empty((CHUNK, len(matrix))), np.empty((2 * len(node), CHUNK), dtype=single)
+    cell_weights = weights.cells.reshape(weights.cells.size)
     all_coefficients = coefficients.reshape(coefficients.size)
-    part_stride, line_step = len(matrix) * CHUNK, 2 * len(terms) * CHUNK
+    part_stride, line_step = CHUNK * len(matrix), 2 * len(terms)
     lines = len(matrix) // (2 * len(terms))
     work, seen = np.empty(3 * LANES), np.zeros(6 * LANES, dtype=single)
     rx_seen = np.zeros((panels, 6 * LANES), dtype=single)
@@ -342,8 +334,13 @@ def add_lines(paths, sensor, sweep, weights, forms, grid):
             _node_values(cycles, eta, bends, (kappa, lead), 2 * n, close, orders, values)
         for order in range(len(orders)):
             for part in range(parts):
-                np.dot(matrix, values[order, part], product)
-                coefficients[order, part] = product
+                # All but the first are small: single precision serves, in half the time. In the first, 1e-6 feels it.
+                if order + part > 0:
+                    rounded[:] = values[order, part]
+                    np.dot(rounded.T, by_value_single, coefficients[order, part])
+                else:
+                    np.dot(values[0, 0].T, by_value, product)
+                    coefficients[0, 0] = product
         for i in range(tx_count):
             _legs(now, 0, mid, sensor.tx[i], leg)
             re, im = tx_seen[i, 0], tx_seen[i, 1]
@@ -375,11 +372,11 @@ def add_lines(paths, sensor, sweep, weights, forms, grid):
                 )  # fmt: skip
                 for panel in range(panels):
                     _channels(rx_seen[panel], of_tx, single(kappa), single(lead), close, seen)
-                    _cell_taps(seen, weights.cells, cells, powers, orders, cell_taps)
+                    _cell_taps(seen, cell_weights, cells, powers, orders, cell_taps)
                     at = start + ((sensor.first_tx + i) * panels + panel) * panel_stride
                     for line in range(lines):
                         for order in range(len(orders)):
-                            part = order * parts * part_stride + line * line_step + b
+                            part = order * parts * part_stride + b * len(matrix) + line * line_step
                             _line_taps(
                                 seen, all_coefficients, part, part_stride, terms, close, 2 * order * LANES, line_taps
                             )
