@@ -58,7 +58,7 @@ class PlainFit:
                     self._replace(self._added(np.empty(0), groups.ELSEWHERE))
                 if len(self.u) >= 2:
                     self._pairs()
-                if 2 < len(self.u) <= groups.MOST_MERGED and groups.CROWDED * len(self.u) >= self.array.channels:
+                if len(self.u) > 2 and groups.CROWDED * len(self.u) >= self.array.channels:
                     self._merge()
                 if self.u is before:
                     break

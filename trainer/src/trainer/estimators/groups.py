@@ -62,9 +62,9 @@ ELSEWHERE = 3
 """Angles, and pairs of angles far from a row's lines, that are refined in their place."""
 MOST_SEARCHED = 5
 """Lines of a group beside each of which pairs are tried."""
-MOST_MERGED, CROWDED = 6, 4
-"""Lines of a group each two of which are tried as one, where there are no more channels to a line: in one row of a
-hundred of 12 channels that ends at a better optimum, in none of 1200 of 18."""
+CROWDED = 4
+"""Channels to a line, of so many or fewer each two lines are tried as one: in one row of a hundred of 12 channels that
+ends at a better optimum."""
 NEAR_CELLS = 0.2
 """Angles so near are refined to the same ones."""
 KEPT_ANGLES = 48
@@ -386,7 +386,7 @@ def _fit(model, group, given, place, work):
             for line in range(count if 2 < count <= MOST_SEARCHED else 0):
                 if lines == count:
                     lines, left = _replace_by_pair(model, group, place, lines, left, line, work)
-        if 2 < lines <= MOST_MERGED and CROWDED * lines >= len(model.phase):
+        if lines > 2 and CROWDED * lines >= len(model.phase):
             lines, left = _merge(model, group, place, lines, left, work)
         if lines == full and left == before:
             break
