@@ -16,7 +16,8 @@ import numpy as np
 
 from datafactory.api.asking import order_of
 from datafactory.api.options import OrderOptions
-from datafactory.run.preparation import load_of, opened_scenes
+from datafactory.run.preparation import prepare
+from datafactory.scenes.materials.table import load_materials
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = "[waveform]\nchirps = 8\nsamples = 128\nrange_bins = 100\nbandwidth_hz = 400e6\n[grid]\nbins = 32\n"
@@ -117,7 +118,7 @@ def measured(case: Case, folder: Path) -> tuple[float, float]:
         scene, radar=radar, frames=case.frames if scene else 0, points=0 if scene else case.frames, rays=case.rays,
         depth=case.depth, effects=case.effects, store=case.store,
     ))  # fmt: skip
-    predicted = load_of(order, sum(scene.triangle_count for scene in opened_scenes(order))).total_bytes(1)
+    predicted = prepare(order, load_materials()).job.load.total_bytes(1)
     frames = ["--split", "1:0:0", "--workers", "1", "--store", case.store, "--radar", radar]
     frames += ["--frames", str(case.frames), "--out", str(folder / "data")]
     command = ["points", *frames]

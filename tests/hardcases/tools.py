@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from oracles import if_cube, relative_error
 from sionna_scenes import mapping, material, plate
 
-from datafactory.frame.measurement import FrameIdentity, Processing, image, measure
+from datafactory.frame.measurement import Processing, image, measure
 from datafactory.paths.rays import RayFan
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.scenes.poses import Pose
@@ -58,8 +58,8 @@ def cube_error(paths: PathTable, radar: Radar, tolerance: float = 1e-6) -> float
 def frame_of(paths: PathTable, radar: Radar, noise: bool = True) -> Frame:
     """The whole method after tracing: cube, noise, Doppler choice, truth image, targets."""
     processing = Processing(noise=noise)
-    measurement = measure(FrameIdentity(0, "scene", "hard", 0), paths, (), radar, processing)
-    frame, _ = next(image([measurement], radar, processing.store))
+    measurement = measure(Frame(0, "scene", "hard", 0), paths, radar, processing)
+    frame, _ = next(image([measurement], radar))
     return frame
 
 

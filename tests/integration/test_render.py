@@ -19,7 +19,9 @@ from datafactory.frame.chain import FRAMES_WITH
 from datafactory.frame.deal import frame_seed
 from datafactory.inspection.dataset import MEANINGS
 from datafactory.run import portions
+from datafactory.run.preparation import prepare
 from datafactory.run.progress import claimed
+from datafactory.scenes.materials.table import load_materials
 from shared.dataset import arrow_schema
 from shared.dataset.folder import open_dataset, verify
 from shared.dataset.reading import open_shard, read_description
@@ -193,11 +195,11 @@ def test_a_dry_run_says_what_the_run_will_take_and_writes_nothing(dataset, radar
     assert len(list(dataset.glob("*/*.parquet"))) == 4
     assert not out.parent.exists()
     order = order_of(OrderOptions(str(TINY), radar=radar_file, frames=9, points=3, rays=4000))
-    found = forecast(order, out, 8)
+    found = forecast(prepare(order, load_materials()), out, 8)
     stored = sum(path.stat().st_size for path in dataset.glob("*/*.parquet"))
     assert stored / 3 < found.bytes < 3 * stored
     assert found.workers == 8  # frames are dealt, not shards
-    more = forecast(replace(order, frames=18), out, 8)
+    more = forecast(prepare(replace(order, frames=18), load_materials()), out, 8)
     assert more.seconds > found.seconds
     with pytest.raises(InputError, match="no such file"):
         run("render", "none.usda", "--out", out, "--dry-run")

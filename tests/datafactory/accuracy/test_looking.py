@@ -199,7 +199,7 @@ def test_a_budget_of_traced_paths_bounds_the_power_in_cells_alone(variant, radar
     order, said = replace(order_of_two(radar), poses=(POSE,)), list[str]()
     found = settled(order, -15.0, MENU.of_paths(), said, tmp_path / "cache")
     assert found.order.settings.trace.rays in MENU.rays
-    render(found.order, load_materials(None), Execution(tmp_path / "paths"), paths_alone=True)
+    render(replace(found.order, paths_alone=True), load_materials(None), Execution(tmp_path / "paths"))
     check(found, tmp_path / "paths", said.append)
     entry = entry_of(tmp_path / "paths")
     assert set(entry["predicted"]) == set(entry["achieved"]) == {"power_db"}

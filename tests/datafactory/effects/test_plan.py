@@ -83,19 +83,19 @@ def test_costs_are_differences_to_the_frame_of_every_effect(monkeypatch: pytest.
     """By a clock of 1 s a frame and 0.5 s an effect; what the frame lacks and what is no choice costs nothing."""
     of_settings = {effects.settings(ChainSettings()): effects for effects in (*(ALL.without(n) for n in NAMES), ALL)}
 
-    def frame_seconds(frame: object, scene: object, radar: object, settings: ChainSettings) -> float:
-        return 1.0 + 0.5 * len(of_settings[settings].names)
+    def frame_seconds(source: SceneSource, radar: object) -> float:
+        return 1.0 + 0.5 * len(of_settings[source.settings].names)
 
     plan = plan_of_scene("scene", [a_frame_plan(specular=0.0, diffuse=-50.0, noise=0.0, near_field=-9.0)], -30.0)
     monkeypatch.setattr(proof, "frame_seconds", frame_seconds)
     steps: list[tuple[str, int, int]] = []
     frame, scene = a_frame()
-    budget = ChainSettings(budget_db=-30.0)
-    result = proof.costs(frame, scene, Radar(), budget, plan, lambda *step: steps.append(step))
+    source = SceneSource(frame, scene, ChainSettings(budget_db=-30.0))
+    result = proof.costs(source, Radar(), plan, lambda *step: steps.append(step))
     assert result == {name: 0.5 if name in ("specular", "diffuse", "noise") else 0.0 for name in NAMES}
     assert [step[1] for step in steps] == list(range(steps[0][2]))
     with pytest.raises(ValueError, match="budget_db"):
-        plan_of_frame(frame, scene, Radar(), ChainSettings())  # frames decide by a budget
+        plan_of_frame(replace(source, settings=ChainSettings()), Radar())  # frames decide by a budget
 
 
 def a_frame() -> tuple[DealtFrame, PreparedScene]:
@@ -140,7 +140,7 @@ def scene(tmp_path: Path, *prims: str) -> PreparedScene:
 def planned(prepared: PreparedScene) -> set[str]:
     frame = Deal(seed=0, scenes=1, poses=(POSE,)).frame(0)
     settings = replace(ALL.settings(ChainSettings()), budget_db=DEFAULT_BUDGET_DB)
-    return {name for name, on in plan_of_frame(frame, prepared, Radar(), settings).effects.items() if on}
+    return {name for name, on in plan_of_frame(SceneSource(frame, prepared, settings), Radar()).effects.items() if on}
 
 
 def test_a_bounce_is_planned_where_there_is_one(tmp_path: Path) -> None:

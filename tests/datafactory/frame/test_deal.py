@@ -191,10 +191,10 @@ def test_drives_are_dealt_to_scenes_and_splits_and_the_last_is_cut() -> None:
 
 
 def test_asked_speeds_are_those_of_poses_and_of_drives() -> None:
-    poses = dealt(order(frames=8, speeds=(10.0, 12.0)), (TOWN,))
+    poses = dealt(order(frames=8, speed_mps=(10.0, 12.0)), (TOWN,))
     speeds = [math.hypot(*poses.frame(index).where.velocity[:2]) for index in range(8)]
     assert 10.0 <= min(speeds) < max(speeds) <= 12.0
-    drives = dealt(order(frames=10, drives=Drives(seconds=0.5), speeds=(1.0, 2.0)), (TOWN,))
+    drives = dealt(order(frames=10, drives=Drives(seconds=0.5), speed_mps=(1.0, 2.0)), (TOWN,))
     assert 0.0 < max(math.hypot(*pose.velocity) for track in drives.tracks for pose in track) <= 2.0 * (1.0 + 1e-6)
 
 

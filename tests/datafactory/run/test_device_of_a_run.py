@@ -21,6 +21,8 @@ from datafactory.paths.backend import CudaDevice
 from datafactory.run import pipeline, shards
 from datafactory.run.memory import processes
 from datafactory.run.pipeline import Report
+from datafactory.run.preparation import prepare
+from datafactory.scenes.materials.table import load_materials
 from datafactory.synthesis import cube
 from shared.physics.errors import InputError
 from shared.radar import Radar
@@ -104,7 +106,7 @@ def test_one_worker_has_the_gpu_unless_more_are_asked_for(tmp_path, stand_in):
 def test_a_forecast_says_whose_rates_it_has(tmp_path, stand_in):
     for name, whose in (("cpu", "rates of another machine"), ("cuda", "rates of a CPU, for none of a GPU")):
         order = order_of(OrderOptions(None, frames=0, points=2, radar="avr-qdm-110", device=name))
-        assert any(whose in line for line in forecast(order, tmp_path, 1).lines())
+        assert any(whose in line for line in forecast(prepare(order, load_materials()), tmp_path, 1).lines())
 
 
 NONE = CudaDevice("", "there is no NVIDIA driver", "a driver")

@@ -19,6 +19,8 @@ from datafactory.frame.measurement import Processing
 from datafactory.paths.solver import TraceSettings
 from datafactory.run import memory
 from datafactory.run.memory import Load, most_workers, workers_for
+from datafactory.run.preparation import prepare
+from datafactory.scenes.materials.table import load_materials
 from shared.physics.errors import InputError
 from shared.radar import Radar
 from shared.radar.waveform import Waveform
@@ -99,11 +101,12 @@ def test_what_was_asked_for_and_does_not_fit_is_refused_with_what_would(machine:
 
 def test_a_dry_run_says_it_of_the_scene_and_the_workers_that_fit(tmp_path: Path) -> None:
     order = order_of(OrderOptions(str(SCENES / "tiny.usda"), radar="avr-qdm-110", frames=80, rays=4000))
-    found = forecast(order, tmp_path, 3)
+    recipe = prepare(order, load_materials())
+    found = forecast(recipe, tmp_path, 3)
     expected = memory.statement(load(settings=order.settings, triangles=104), 3, memory.usable_memory())
     assert found.memory == expected
     assert expected in found.lines()
-    assert forecast(order, tmp_path, 0).workers >= 1
+    assert forecast(recipe, tmp_path, 0).workers >= 1
 
 
 FAULTS_OF_THE_LAST_ARRAYS = """

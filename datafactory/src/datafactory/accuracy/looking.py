@@ -176,7 +176,7 @@ def made(
         images.append(np.abs(value))
         return value
 
-    written = tuple(frame for frame, _ in image(measurements, radar, settings.processing.store, at))
+    written = tuple(frame for frame, _ in image(measurements, radar, at))
     return Outcome(
         paths=tuple(look.paths for look in looks),
         cubes=tuple(look.cube for look in looks),

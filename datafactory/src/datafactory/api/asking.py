@@ -9,7 +9,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from datafactory.api.declared import taking
 from datafactory.api.options import (
+    LoadOptions,
     MaterialsLike,
     OrderOptions,
     PosesLike,
@@ -45,7 +47,7 @@ from datafactory.scenes.readers.common import Reading, parse_variants
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.tracks import read_track
-from datafactory.scenes.traffic.arrange import Asked, parse_populate
+from datafactory.scenes.traffic.arrange import parse_populate
 from datafactory.scenes.traffic.population import populated
 from datafactory.synthesis.cube import synthesis_problem
 from shared.dataset.locations import locate
@@ -53,32 +55,21 @@ from shared.physics.errors import InputError
 from shared.radar import Radar, load_radar
 
 
-def load_scene(
-    source: SceneLike,
-    *,
-    variant: Sequence[str] = (),
-    allow_missing: bool = False,
-    populate: str | Asked | None = None,
-    seed: int = 0,
-) -> Scene:
+@taking(LoadOptions)
+def load_scene(asked: LoadOptions) -> Scene:
     """Read a scene: meshes in metres, z up, float64, each with the name of its material.
 
-    :param source: a ``.usd .usda .usdc .usdz``, Mitsuba ``.xml``, ``.glb .gltf .obj .ply .stl`` file, or
-        ``"shipped:NAME"`` or ``"sionna:NAME"`` for a scene that this package or Sionna ships; or a scene, to populate
-    :param variant: ``"set=name"`` each: variants of a USD scene, over those that the file selects
-    :param allow_missing: go on without geometry that cannot be opened
-    :param populate: traffic and street furniture to put on its free ground, ``"cars=4/100m,parked=0.6"``
-    :param seed: of the dataset; what is put where follows from it and from the scene
     :raises InputError: an unknown suffix or name, a file that is missing, damaged or empty; with ``populate`` one that
         has no free ground
     """
-    asked = parse_populate(populate) if isinstance(populate, str) else populate
-    reading = Reading(parse_variants(variant), allow_missing)
-    if not isinstance(source, Scene):
-        source = open_scene(str(source), reading)
+    scene, traffic = asked.source, asked.populate
+    reading = Reading(parse_variants(asked.variant), asked.allow_missing)
+    if not isinstance(scene, Scene):
+        scene = open_scene(str(scene), reading)
     elif reading != Reading():
-        raise InputError(source.name, "has been read", "--variant and --allow-missing of a file")
-    return source if asked is None else populated(source, asked, seed)
+        raise InputError(scene.name, "has been read", "--variant and --allow-missing of a file")
+    traffic = parse_populate(traffic) if isinstance(traffic, str) else traffic
+    return scene if traffic is None else populated(scene, traffic, asked.seed)
 
 
 def radar_of(radar: RadarLike) -> Radar:
@@ -162,10 +153,8 @@ def scenes_of(
         raise InputError("--populate", "given without a scene", "--scene with it")
     if not (asked.variant or asked.allow_missing or asked.populate is not None):
         return tuple(scene if isinstance(scene, Scene) else str(scene) for scene in several)
-    variant, missing, populate = asked.variant, asked.allow_missing, asked.populate
-    return tuple(
-        load_scene(scene, variant=variant, allow_missing=missing, populate=populate, seed=seed) for scene in several
-    )
+    same = {name: getattr(asked, name) for name in ("variant", "allow_missing", "populate")}
+    return tuple(load_scene(scene, **same, seed=seed) for scene in several)
 
 
 def targets_of(targets: TargetsLike) -> tuple[PointTargets, ...]:
@@ -220,7 +209,6 @@ def order_of(asked: OrderOptions, synthesis: bool = True) -> Order:
     if asked.trajectory is not None and (asked.poses is not None or traced):
         raise InputError("--trajectory", f"beside --{'paths' if traced else 'poses'}", "one of them")
     tracks, drives = trajectory_of(asked.trajectory, asked.frame_rate)
-    speeds = speeds_of(asked, drives)
     frames = 0 if poses or tracks else asked.frames
     of_scenes = bool(poses or tracks or frames)
     if of_scenes and not scenes and not traced:
@@ -239,11 +227,11 @@ def order_of(asked: OrderOptions, synthesis: bool = True) -> Order:
         frames=frames,
         points=0 if targets else asked.points,
         seed=asked.seed,
-        split=asked.split or (folder and folder.split) or DEFAULT_PATTERN,
+        split=asked.split or (folder and folder.arguments.split) or DEFAULT_PATTERN,
         poses=() if traced else poses,  # stored rows have their own
         tracks=tracks,
         drives=drives if asked.frames else None,
-        speeds=speeds,
+        speed_mps=speeds_of(asked, drives),
         targets=targets,
         settings=ChainSettings(
             trace=TraceSettings(rays=asked.rays or DEFAULT_RAYS, depth=asked.depth or DEFAULT_DEPTH),
@@ -252,5 +240,5 @@ def order_of(asked: OrderOptions, synthesis: bool = True) -> Order:
         ),
         effects=effects,
         budget_db=asked.error_budget or DEFAULT_BUDGET_DB,
-        licence=stated_licence(asked.license),
+        license=stated_licence(asked.license),
     )

@@ -10,7 +10,6 @@ from collections import Counter
 from dataclasses import dataclass
 
 from datafactory.defaults import CPU
-from datafactory.frame.deal import dealt
 from datafactory.run.memory import (
     CLOSE_TARGETS,
     STREETS,
@@ -21,8 +20,8 @@ from datafactory.run.memory import (
     processes,
     statement,
 )
-from datafactory.run.preparation import Order, load_of, opened_scenes
-from datafactory.run.shards import parse_job, plan_shards
+from datafactory.run.preparation import Recipe
+from datafactory.run.shards import parse_job
 from shared.dataset.locations import Location, RemotePath
 from shared.processes.machine import usable_memory
 
@@ -44,7 +43,7 @@ class Forecast:
 
     :param frames: by split; :param shards: their number
     :param bytes: on the disk, of which ``free_bytes`` are free; None in an object store
-    :param memory_bytes: of all processes together; ``memory``: in words, and how much may be used
+    :param memory: of all processes together, and how much may be used
     :param seconds: wall-clock
     :param workers: no more than there are frames, cores and memory for
     :param device: that the run will use
@@ -54,7 +53,6 @@ class Forecast:
     shards: int
     bytes: float
     free_bytes: float | None
-    memory_bytes: float
     memory: str
     seconds: float
     workers: int
@@ -75,38 +73,36 @@ class Forecast:
         ]
 
 
-def forecast(order: Order, directory: Location, workers: int, shard: str | None = None) -> Forecast:
-    """What a run of this order will take; its scenes are opened and its frames dealt, nothing is traced or written.
+def forecast(recipe: Recipe, directory: Location, workers: int, shard: str | None = None) -> Forecast:
+    """What a run will take; nothing is traced or written.
 
     :param workers: 0 for as many as there are cores and memory for
     :param shard: of :func:`datafactory.render`: what this job will take
     :raises InputError: what a run would refuse of its scenes, poses and split
     """
-    scenes = opened_scenes(order)
-    deal = dealt(order, scenes)
-    for frame_id in {deal.frames_of(number)[0] for number in range(len(scenes)) if deal.frames_of(number)}:
-        deal.frame(frame_id)  # a scene without free ground is refused here
-    splits, scene_frames = deal.splits(), deal.scene_frames
-    settings, waveform, channels = order.settings, order.radar.waveform, order.radar.array.channels
+    job, plans = recipe.job, recipe.plans
+    deal, radar, settings, load, limit = job.deal, job.radar, job.settings, job.load, usable_memory()
+    for number in range(deal.scenes):
+        for frame_id in deal.frames_of(number)[:1]:
+            deal.frame(frame_id)  # a scene without free ground is refused here
+    waveform, channels = radar.waveform, radar.array.channels
     rays = float(settings.trace.rays)
     of_points = SAMPLE_S * channels * waveform.chirps * waveform.samples
-    synthesis = PATH_S * PATHS_A_RAY * rays * (channels + order.radar.virtual_sensor.channels) / CHANNELS
-    of_scene = of_points + synthesis + (RAY_S * rays if order.traced is None else 0.0)
-    plans = plan_shards(splits)
+    synthesis = PATH_S * PATHS_A_RAY * rays * (channels + radar.virtual_sensor.channels) / CHANNELS
+    of_scene = of_points + synthesis + (0.0 if deal.stored else RAY_S * rays)
     if shard is not None:
         plans = parse_job(shard).own(plans)
-        own = {frame_id for plan in plans for frame_id in plan.frame_ids}
-        splits = tuple(split for frame_id, split in enumerate(splits) if frame_id in own)
-        scene_frames = sum(frame_id < scene_frames for frame_id in own)
-    shards, point_frames = len(plans), len(splits) - scene_frames
-    load, limit = load_of(order, sum(scene.triangle_count for scene in scenes)), usable_memory()
-    workers = min(workers or min(processes(0, settings.device), max(1, most_workers(load, limit))), len(splits))
+    frames = Counter[str]()
+    for plan in plans:
+        frames[plan.split] += len(plan.frame_ids)
+    scene_frames = sum(frame_id < deal.scene_frames for plan in plans for frame_id in plan.frame_ids)
+    point_frames = frames.total() - scene_frames
+    workers = min(workers or min(processes(0, settings.device), max(1, most_workers(load, limit))), frames.total())
     return Forecast(
-        frames=dict(Counter(splits)),
-        shards=shards,
-        bytes=frame_bytes(order.radar, settings.processing) * (STREETS * scene_frames + CLOSE_TARGETS * point_frames),
+        frames=dict(frames),
+        shards=len(plans),
+        bytes=frame_bytes(radar, settings.processing) * (STREETS * scene_frames + CLOSE_TARGETS * point_frames),
         free_bytes=None if isinstance(directory, RemotePath) else free_bytes(directory),
-        memory_bytes=load.total_bytes(workers),
         memory=statement(load, workers, limit),
         seconds=(scene_frames * of_scene + point_frames * of_points) / workers,
         workers=workers,

@@ -5,11 +5,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TypeAlias
 
 from datafactory.accuracy.budget import check, settle
 from datafactory.accuracy.knobs import Menu, menu_for
@@ -29,8 +27,6 @@ from shared.dataset.locations import local, locate
 from shared.dataset.writing import atomic_folder
 from shared.physics.errors import InputError
 
-Make: TypeAlias = Callable[[Order, MaterialTable, Execution], Report]
-"""A run of :mod:`datafactory.run.pipeline`."""
 MCAP = "mcap"
 
 
@@ -62,7 +58,7 @@ def render(asked: RenderOptions) -> Report:
     if asked.camera and asked.shard is not None:
         raise InputError("--camera", f"beside {OPTION}", "datafactory inspect --camera once the jobs are merged")
     menu = None if asked.error_budget is None else menu_for(asked.rays, asked.depth)
-    report = _made(asked, order, menu, pipeline.render)
+    report = _made(asked, order, menu)
     return _with_cameras(order, materials_of(asked.materials), report, asked.progress) if asked.camera else report
 
 
@@ -75,12 +71,11 @@ def trace(asked: TraceOptions) -> Report:
     :func:`datafactory.render`.
     """
     menu = None if asked.error_budget is None else menu_for(asked.rays, asked.depth).of_paths()
-    return _made(
-        asked, order_of(common(OrderOptions, asked), synthesis=False), menu, partial(pipeline.render, paths_alone=True)
-    )
+    order = order_of(common(OrderOptions, asked), synthesis=False)
+    return _made(asked, replace(order, paths_alone=True), menu)
 
 
-def _made(asked: RenderOptions | TraceOptions, order: Order, menu: Menu | None, make: Make) -> Report:
+def _made(asked: RenderOptions | TraceOptions, order: Order, menu: Menu | None) -> Report:
     """The job, on the engine and the device that were asked for.
 
     :raises InputError: a job that cannot be; a GPU on a cluster: its nodes do not share one
@@ -100,8 +95,8 @@ def _made(asked: RenderOptions | TraceOptions, order: Order, menu: Menu | None, 
         if device == CUDA and asked.workers > 1:
             asked.announce(f"{asked.workers} workers share one GPU, and its memory")
         if menu is None:
-            return make(order, table, execution)
-        return _within_budget(order, table, execution, menu, asked.progress, make)
+            return pipeline.render(order, table, execution)
+        return _within_budget(order, table, execution, menu)
 
 
 def _with_cameras(order: Order, table: MaterialTable, report: Report, progress: Progress) -> Report:
@@ -117,13 +112,11 @@ def _with_cameras(order: Order, table: MaterialTable, report: Report, progress: 
     return replace(report, seconds=report.seconds + time.perf_counter() - started)
 
 
-def _within_budget(
-    order: Order, table: MaterialTable, execution: Execution, menu: Menu, progress: Progress, make: Make
-) -> Report:
+def _within_budget(order: Order, table: MaterialTable, execution: Execution, menu: Menu) -> Report:
     """The job, its settings chosen from a menu; what they achieved is measured afterwards."""
     started, announce = time.perf_counter(), execution.announce
-    settled = settle(order, table, order.budget_db, menu, announce, progress)
-    report = make(settled.order, table, execution)
+    settled = settle(order, table, order.budget_db, menu, announce, execution.advance)
+    report = pipeline.render(settled.order, table, execution)
     if execution.job is None:
         check(settled, execution.directory, announce)
     else:  # the frames to be looked at are those of other jobs as well

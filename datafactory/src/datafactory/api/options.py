@@ -78,7 +78,7 @@ BUDGET_OF_PATHS = replace(BUDGET, help="Choose rays and depth for this error [dB
                           "this radar, e.g. -30, from a sweep made once; --rays and --depth stay as given.")
 
 
-class SceneOptions(Options, heading="Scene"):
+class ReadingOptions(Options, heading="Scene"):
     """How scenes are read."""
 
     variant: Annotated["Sequence[str]", Option(
@@ -87,6 +87,16 @@ class SceneOptions(Options, heading="Scene"):
     populate: Annotated["str | Asked | None", Option(
         "Traffic and street furniture on the free ground, e.g. cars=20,poles=30,parked=0.6; cars=4/100m of road.",
         typed=str, metavar="KIND=N,...", first=True)] = None
+
+
+class LoadOptions(ReadingOptions):
+    source: Annotated["SceneLike", replace(SCENE, python="Or a Scene, to populate.")] = field(kw_only=False)
+    seed: Annotated[int, SEED] = 0
+
+
+class SceneOptions(ReadingOptions):
+    """How scenes are read, and what they are made of."""
+
     materials: Annotated["MaterialsLike | None", Option(
         "TOML file that overrides the material table.", "Or a table.", typed=Path)] = None
 

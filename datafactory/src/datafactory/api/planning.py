@@ -12,11 +12,12 @@ from threadpoolctl import threadpool_limits
 from datafactory.api.asking import materials_of, order_of
 from datafactory.api.declared import common, taking
 from datafactory.api.options import OrderOptions, PlanOptions
-from datafactory.effects.plan import EffectPlan, plan_of_frame, plan_of_scene
+from datafactory.effects.plan import EffectPlan, FramePlan, plan_of_frame, plan_of_scene
 from datafactory.effects.proof import Proof, costs, prove
-from datafactory.frame.deal import DealtFrame, PreparedScene
+from datafactory.frame.chain import SceneSource
 from datafactory.paths.backend import select_variant, set_threads
-from datafactory.run.preparation import Order, prepare
+from datafactory.run.portions import Job
+from datafactory.run.preparation import prepare
 from shared.physics.errors import Told
 
 MOST_FRAMES = 8
@@ -77,10 +78,7 @@ def plan(asked: PlanOptions) -> tuple[ScenePlan, ...]:
     set_threads(1)
     with threadpool_limits(limits=1):
         job = prepare(order, table, asked.announce).job
-        return tuple(
-            _planned(order, scene, [job.deal.frame(n) for n in spread(job.deal.frames_of(index))], asked)
-            for index, scene in enumerate(job.scenes)
-        )
+        return tuple(_planned(job, index, order.budget_db, asked) for index in range(len(job.scenes)))
 
 
 def spread(frame_ids: Sequence[int]) -> Sequence[int]:
@@ -88,17 +86,14 @@ def spread(frame_ids: Sequence[int]) -> Sequence[int]:
     return frame_ids[:: max(1, math.ceil(len(frame_ids) / MOST_FRAMES))]
 
 
-def _planned(order: Order, scene: PreparedScene, frames: Sequence[DealtFrame], asked: PlanOptions) -> ScenePlan:
+def _planned(job: Job, index: int, budget_db: float, asked: PlanOptions) -> ScenePlan:
     """What frames of one scene decide; a scene without a frame in the run costs nothing."""
-    radar, settings = order.radar, order.of_scenes
-    found = []
-    for number, frame in enumerate(frames):
+    scene, found = job.scenes[index], list[FramePlan]()
+    frames = [SceneSource(job.deal.frame(n), scene, job.of_scenes) for n in spread(job.deal.frames_of(index))]
+    for number, source in enumerate(frames):
         asked.progress(f"frames of {scene.name}", number, len(frames))
-        found.append(plan_of_frame(frame, scene, radar, settings))
-    told = plan_of_scene(scene.name, found, order.budget_db)
-    seconds, proof = dict[str, float](), None
-    if frames and asked.times:
-        seconds = costs(frames[0], scene, radar, settings, told, asked.progress)
-    if frames and asked.prove:
-        proof = prove(frames[0], scene, radar, settings)
+        found.append(plan_of_frame(source, job.radar))
+    told = plan_of_scene(scene.name, found, budget_db)
+    seconds = costs(frames[0], job.radar, told, asked.progress) if frames and asked.times else {}
+    proof = prove(frames[0], job.radar) if frames and asked.prove else None
     return ScenePlan(told, len(frames), seconds, proof)

@@ -68,7 +68,7 @@ def _traced_before(asked: ViewOptions, folder: Location) -> Subject:
     _require_frame(asked.frame, len(order.stored))
     traced = StoredSource(order.stored[asked.frame], order.of_scenes).traced(order.radar)
     _, paths = narrowed(traced, order.of_scenes, order.radar)
-    entry = order.traced.entries[traced.scene_number]
+    entry = order.traced.scenes[traced.scene_number]
     (given,) = scenes_of(asked.scene, asked, asked.seed) or (entry.get("source", ""),)
     opened = given if isinstance(given, Scene) else recorded(entry, str(given))
     if opened.content_hash() != entry.get("content_sha256"):

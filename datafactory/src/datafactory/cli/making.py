@@ -41,12 +41,14 @@ def render(
 ) -> None:
     """Render frames of scenes, and close-target frames beside them, into a dataset."""
     from datafactory.api import making
-    from datafactory.api.asking import order_of
+    from datafactory.api.asking import materials_of, order_of
     from datafactory.api.forecasting import forecast
+    from datafactory.run.preparation import prepare
     from shared.dataset.locations import locate
 
     if dry_run:
-        for line in forecast(order_of(asked), locate(asked.out), asked.workers, asked.shard).lines():
+        recipe = prepare(order_of(asked), materials_of(asked.materials))
+        for line in forecast(recipe, locate(asked.out), asked.workers, asked.shard).lines():
             typer.echo(line)
         return
     _run(partial(making.render, **vars(asked)), verbose)

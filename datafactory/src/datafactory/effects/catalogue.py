@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 
 from datafactory.frame.chain import ChainSettings
 from shared.physics.errors import InputError, meant
@@ -34,58 +35,44 @@ NO_CHOICE = ("range_migration", "intra_chirp_motion", "near_field")
 
 @dataclass(frozen=True)
 class EffectSet:
-    """Which effects are simulated; names as in ``DESCRIPTIONS``."""
+    """Which effects are simulated.
 
-    specular: bool = True
-    diffuse: bool = True
-    multi_bounce: bool = True
-    refraction: bool = True
-    diffraction: bool = True
-    corners: bool = True
-    doppler: bool = True
-    range_migration: bool = True
-    intra_chirp_motion: bool = True
-    near_field: bool = True
-    antenna_pattern: bool = True
-    rcs_targets: bool = True
-    noise: bool = True
+    :param names: some of ``DESCRIPTIONS``, in their order
+    """
+
+    names: tuple[str, ...] = tuple(DESCRIPTIONS)
 
     @staticmethod
-    def of(names: set[str] | frozenset[str]) -> EffectSet:
-        return EffectSet(**{item.name: item.name in names for item in fields(EffectSet)})
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The effects that are on, in the order of the chain."""
-        return tuple(item.name for item in fields(self) if getattr(self, item.name))
+    def of(names: Collection[str]) -> EffectSet:
+        return EffectSet(tuple(name for name in DESCRIPTIONS if name in names))
 
     def without(self, name: str) -> EffectSet:
-        return replace(self, **{name: False})
+        return EffectSet.of({*self.names} - {name})
 
     def settings(self, settings: ChainSettings) -> ChainSettings:
         """Settings of the chain that simulate no more than these effects."""
-        trace = settings.trace
+        trace, on = settings.trace, {name: name in self.names for name in DESCRIPTIONS}
         # Close-target frames stay with eq. (1): motion within the chirp is a scene's.
         processing = replace(
             settings.processing,
-            doppler=self.doppler,
+            doppler=on["doppler"],
             intra_chirp_motion=True,
-            noise=settings.processing.noise and self.noise,
+            noise=settings.processing.noise and on["noise"],
         )
         return replace(
             settings,
             trace=replace(
                 trace,
-                depth=trace.depth if self.multi_bounce else 1,
-                specular=trace.specular and self.specular,
-                diffuse=trace.diffuse and self.diffuse,
-                refraction=self.refraction,
-                diffraction=self.diffraction,
-                corners=self.corners,
-                point_targets=self.rcs_targets,
+                depth=trace.depth if on["multi_bounce"] else 1,
+                specular=trace.specular and on["specular"],
+                diffuse=trace.diffuse and on["diffuse"],
+                refraction=on["refraction"],
+                diffraction=on["diffraction"],
+                corners=on["corners"],
+                point_targets=on["rcs_targets"],
             ),
             processing=processing,
-            antenna_pattern=settings.antenna_pattern and self.antenna_pattern,
+            antenna_pattern=settings.antenna_pattern and on["antenna_pattern"],
         )
 
 
@@ -109,4 +96,4 @@ def parse_effects(text: str) -> EffectSet | None:
             raise InputError("--effects", repr(name), expected)
     if not names:
         raise InputError("--effects", repr(text), f"auto, all, or some of {','.join(NAMES)}")
-    return EffectSet.of(set(names))
+    return EffectSet.of(names)

@@ -19,8 +19,7 @@ from matplotlib.figure import Figure
 
 from datafactory.effects.catalogue import DESCRIPTIONS, NAMES, NO_CHOICE, EffectSet
 from datafactory.frame import decision
-from datafactory.frame.chain import ChainSettings, SceneSource, illuminated, narrowed
-from datafactory.frame.deal import DealtFrame, PreparedScene
+from datafactory.frame.chain import SceneSource, illuminated, narrowed
 from datafactory.frame.decision import KINDS, Decided, bounces_more_than_once, kinds_of, path_effects
 from datafactory.paths.candidates import (
     CHAIN,
@@ -199,15 +198,16 @@ class FramePlan:
     limit: str
 
 
-def plan_of_frame(frame: DealtFrame, scene: PreparedScene, radar: Radar, settings: ChainSettings) -> FramePlan:
+def plan_of_frame(source: SceneSource, radar: Radar) -> FramePlan:
     """What a frame decides: traced with all that the scene has.
 
-    :param settings: of the run, with every effect and a budget
+    :param source: with every effect and a budget
     """
+    settings = source.settings
     notice, window = settings.notice(radar), settings.processing.truth_window
     if notice is None:
         raise ValueError("budget_db is None; expected a budget, by which frames decide")
-    complete = SceneSource(frame, scene, replace(settings, budget_db=None)).traced(radar)
+    complete = replace(source, settings=replace(settings, budget_db=None)).traced(radar)
     narrow, kept = narrowed(complete, settings, radar)
     every = illuminated(complete, settings, radar)
     peak = float(cell_power(every, radar, window).max(initial=0.0))

@@ -24,8 +24,6 @@ from datafactory.frame.chain import (
     measured,
     narrowed,
 )
-from datafactory.frame.deal import DealtFrame, PreparedScene
-from datafactory.frame.decision import Decided
 from datafactory.frame.measurement import image
 from datafactory.paths.density import cell_power
 from datafactory.paths.thinning import UNPRUNED_DB
@@ -38,31 +36,24 @@ REPEATS = 2
 """Timed frames of each kind, one beside the other in turn; the least counts."""
 
 
-def frame_seconds(frame: DealtFrame, scene: PreparedScene, radar: Radar, settings: ChainSettings) -> float:
+def frame_seconds(source: SceneSource, radar: Radar) -> float:
     """Processor seconds of this process from the scene to the image; what else runs on the machine hardly counts."""
     started = time.process_time()
-    for _ in make_frames([SceneSource(frame, scene, settings)], radar):
+    for _ in make_frames([source], radar):
         pass
     return time.process_time() - started
 
 
-def costs(
-    frame: DealtFrame,
-    scene: PreparedScene,
-    radar: Radar,
-    settings: ChainSettings,
-    plan: EffectPlan,
-    advance: Progress,
-) -> dict[str, float]:
+def costs(source: SceneSource, radar: Radar, plan: EffectPlan, advance: Progress) -> dict[str, float]:
     """Seconds that each effect takes of a frame with every effect.
 
     What the scene lacks, and what is no choice, costs nothing and is not timed.
 
-    :param settings: of the run, with every effect
+    :param source: with every effect
     """
 
     def seconds(of: EffectSet) -> float:
-        return frame_seconds(frame, scene, radar, of.settings(replace(settings, budget_db=None)))
+        return frame_seconds(replace(source, settings=of.settings(replace(source.settings, budget_db=None))), radar)
 
     asked = [item.effect for item in plan.decisions if item.loss_db > FLOOR_DB and item.effect not in NO_CHOICE]
     advance("every effect", 0, len(asked) + 1)
@@ -79,8 +70,10 @@ def costs(
 class Proof:
     """Differences between a frame as it decides and the frame of every effect, over the latter's peaks [dB].
 
-    :param power_db: of the power in the truth's resolution cells, as paths (each set traced by itself)
-    :param input_db, truth_db: of the input's beamformed image and of the truth image, on the paths of every effect
+    Each is traced by itself.
+
+    :param power_db: of the power in the truth's resolution cells, as paths
+    :param input_db, truth_db: of the input's beamformed image and of the truth image
     :param planned_seconds, all_seconds: processor time of the whole frame
     """
 
@@ -103,26 +96,24 @@ class Proof:
         )
 
 
-def prove(frame: DealtFrame, scene: PreparedScene, radar: Radar, settings: ChainSettings) -> Proof:
+def prove(source: SceneSource, radar: Radar) -> Proof:
     """Simulate one frame both ways, without noise: it is the same in both. Nothing is pruned but for the timing.
 
     Rows of both images lie in the Doppler cells that the frame of every effect chooses: where two peaks of a range bin
     are alike, the choice itself would hang on less than the budget.
 
-    :param settings: of the run, with every effect and a budget
+    :param source: with every effect and a budget
     """
-    everything = replace(settings, budget_db=None)
-    complete = SceneSource(frame, scene, everything).traced(radar)
-    narrow, _ = narrowed(complete, settings, radar)
-    notice = settings.notice(radar)
-    kept = complete.table if notice is None else Decided.of(complete.table, notice).kept(complete.table)
+    settings, everything = source.settings, replace(source.settings, budget_db=None)
+    sources = source, replace(source, settings=everything)
+    alone, complete = (of.traced(radar) for of in sources)
+    narrow, paths = narrowed(alone, settings, radar)
     expected = _images(TracedSource(complete, _bare(everything)), radar)
-    got = _images(TracedSource(replace(complete, table=kept), _bare(narrow)), radar, expected.cells)
-    _, paths = narrowed(SceneSource(frame, scene, settings).traced(radar), settings, radar)
+    got = _images(TracedSource(alone, _bare(narrow)), radar, expected.cells)
     window = settings.processing.truth_window
     reference = cell_power(illuminated(complete, everything, radar), radar, window)
     ratio = float(np.abs(cell_power(paths, radar, window) - reference).max() / max(reference.max(), 1e-300))
-    pairs = [[frame_seconds(frame, scene, radar, of) for of in (settings, everything)] for _ in range(REPEATS)]
+    pairs = [[frame_seconds(of, radar) for of in sources] for _ in range(REPEATS)]
     planned_seconds, all_seconds = (min(times) for times in zip(*pairs, strict=True))
     return Proof(
         power_db=float(power_to_db(ratio, FLOOR_DB)),
@@ -164,8 +155,8 @@ def _images(source: TracedSource, radar: Radar, cells: NDArray[np.int64] | None 
         return selection
 
     measurement = measured(source, radar, at)
-    ((frame, _),) = image([measurement], radar, "range-channel")
-    beamformed = delay_and_sum(measurement.range_channel[0], radar)
+    ((frame, _),) = image([measurement], radar)
+    beamformed = delay_and_sum(measurement.frame.range_channel[0], radar)
     return _Images(np.abs(beamformed), frame.image * np.float32(frame.image_peak), chosen[0].cells[0])
 
 

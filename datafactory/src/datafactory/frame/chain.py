@@ -19,7 +19,6 @@ from datafactory.defaults import CPU, IMAGE_BATCH
 from datafactory.frame.deal import DealtFrame, PreparedScene, StoredRow, generator
 from datafactory.frame.decision import Decided, doppler_called_for, path_effects
 from datafactory.frame.measurement import (
-    FrameIdentity,
     Hook,
     Measurement,
     Processing,
@@ -41,7 +40,7 @@ from datafactory.paths.thinning import DEFAULT_LEVEL_DB, pruned
 from datafactory.paths.trace import trace
 from datafactory.scenes.boxes import seen_things
 from datafactory.synthesis.cube import kernels_on
-from shared.dataset import Box, Frame
+from shared.dataset import Frame
 from shared.radar import Radar
 
 FRAMES_WITH = "frames_with_"
@@ -173,44 +172,40 @@ def make_frames(sources: Iterable[Source], radar: Radar, at: Hook = plainly) -> 
     remaining = iter(sources)
     while batch := list(islice(remaining, IMAGE_BATCH)):
         measurements = [measured(source, radar, at) for source in batch]
-        yield from image(measurements, radar, batch[0].settings.processing.store, at)
+        yield from image(measurements, radar, at)
 
 
 def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
     """A frame up to its image: trace, narrow, within reach, illuminate, prune, measure."""
     settings = source.settings
-    boxes: tuple[Box, ...] = ()
     if isinstance(source, PointSource):
-        frame = source.frame
-        targets = frame.targets
+        dealt = source.frame
+        targets = dealt.targets
         if targets is None:
-            targets = draw_close_targets(radar, settings.close_targets, generator(frame.seed, "targets"))
-        targets = targets.echo_points(radar, frame.target_seed())
-        identity = FrameIdentity(frame.frame_id, "points", "points", frame.seed)
-        paths, known, counted = targets.path_table(radar), targets.truth(radar), dict[str, int]()
+            targets = draw_close_targets(radar, settings.close_targets, generator(dealt.seed, "targets"))
+        targets = targets.echo_points(radar, dealt.target_seed())
+        frame = Frame(dealt.frame_id, "points", "points", dealt.seed, targets=targets.truth(radar))
+        paths, counted = targets.path_table(radar), dict[str, int]()
         tolerance = min(settings.processing.tolerance, POINTS_TOLERANCE)
         settings = replace(settings, processing=replace(settings.processing, tolerance=tolerance))
     else:
         traced = source.traced(radar, at)
-        pose = traced.pose
-        identity = FrameIdentity(
-            traced.frame_id, "scene", traced.scene, traced.seed, pose.position, pose.velocity, pose.quaternion(),
-            pose.time_s, traced.sequence,
-        )  # fmt: skip
         settings, paths = narrowed(traced, settings, radar, at)
         effects = {**path_effects(paths), **settings.signal_effects(radar)}
         boxes, boxed = boxes_of(traced.things, paths, radar)
         paths = at("prune", pruned, paths, radar, settings.prune_db)
-        known = object_targets(paths, len(paths.objects) - traced.point_targets, radar)
+        pose, known = traced.pose, object_targets(paths, len(paths.objects) - traced.point_targets, radar)
+        frame = Frame(
+            traced.frame_id, "scene", traced.scene, traced.seed, pose.position, pose.velocity, pose.quaternion(),
+            targets=known, boxes=boxes, time=pose.time_s, sequence=traced.sequence,
+        )  # fmt: skip
         counted = {
             **lit_cells(paths, radar),
             **boxed,
             **{f"{FRAMES_WITH}{name}": int(on) for name, on in effects.items()},
         }
-    counts = {**paths.counts, **counted, "frames": 1, "paths": len(paths)}
-    kernels = kernels_on(settings.device)
-    measurement = measure(identity, paths, known, radar, settings.processing, at, counts, kernels)
-    return replace(measurement, boxes=boxes)
+    found = measure(frame, paths, radar, settings.processing, at, kernels_on(settings.device))
+    return replace(found, counts={**paths.counts, **counted, "frames": 1, "paths": len(paths), **found.counts})
 
 
 def illuminated(traced: TracedFrame, settings: ChainSettings, radar: Radar, at: Hook = plainly) -> PathTable:

@@ -215,7 +215,7 @@ class Wanted:
     :param poses: one scene frame a pose, to the scenes in turn, instead of drawn ones
     :param tracks: sequences of scene frames, each at these poses, instead of drawn ones
     :param drives: draw sequences, of ``frames`` frames in all
-    :param speeds: ends of the speed of drawn poses, or of the drives' cruising speed; None: each kind's own
+    :param speed_mps: ends of the speed of drawn poses, or of the drives' cruising speed; None: each kind's own
     :param stored: every scene frame, where their paths were traced before; a row says which frame and scene it is, and
         is believed
     :param points: close-target frames after the scene frames
@@ -228,7 +228,7 @@ class Wanted:
     poses: tuple[Pose, ...] = ()
     tracks: tuple[tuple[Pose, ...], ...] = ()
     drives: Drives | None = None
-    speeds: Speeds | None = None
+    speed_mps: Speeds | None = None
     stored: tuple[StoredRow, ...] = ()
     points: int = 0
     targets: tuple[PointTargets, ...] = ()
@@ -330,7 +330,7 @@ class Deal(Wanted):
         stored = self.stored[frame_id] if self.stored else None
         if pose is None and stored is None:
             stream = generator(seed, "pose")
-            pose = sample_pose(self.grounds[scene], split, stream, self.speeds or DRAWN_SPEEDS)
+            pose = sample_pose(self.grounds[scene], split, stream, self.speed_mps or DRAWN_SPEEDS)
             if self.traffic and self.traffic[scene].populated_s is not None:
                 pose = self.traffic[scene].at_a_clear_time(pose, generator(seed, "traffic"))
         sequence = self.sequence_of(frame_id)
@@ -375,7 +375,7 @@ def dealt(wanted: Wanted, scenes: Sequence[Scene]) -> Deal:
         numbers = [drawn_scene(number, len(scenes), wanted.split) for number in sequences]
         drawn = []
         for number, scene in zip(sequences, numbers, strict=True):
-            stream, speeds = generator(sequence_seed(wanted.seed, number), "pose"), wanted.speeds or CRUISING_SPEEDS
+            stream, speeds = generator(sequence_seed(wanted.seed, number), "pose"), wanted.speed_mps or CRUISING_SPEEDS
             split = split_of(number, wanted.split)
             drawn.append(draw_drive(grounds[scene], traffic[scene], split, wanted.drives, stream, speeds))
         over = len(drawn) * wanted.drives.frames - wanted.frames  # the last is cut where the frames end

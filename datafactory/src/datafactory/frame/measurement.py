@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Protocol, TypeVar
 
@@ -76,60 +76,26 @@ class Processing:
     intra_chirp_motion: bool = False
 
 
-@dataclass(frozen=True)
-class FrameIdentity:
-    """The columns that identify a frame, known before any signal is made."""
-
-    frame_id: int
-    kind: str
-    scene: str
-    seed: int
-    sensor_position: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    sensor_velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    sensor_orientation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-    time: float = 0.0
-    sequence: int = -1
-
-
 @dataclass(frozen=True, eq=False)
 class Measurement:
     """A frame before its truth is imaged.
 
+    :param frame: its columns, but for the image; of the targets those that are known beforehand
     :param moments: [terms, R, C] of the virtual sensor
-    :param targets: known beforehand: point targets and RCS objects
-    :param list_cells: whether the truth's cells join the list of targets
-    :param saturated: samples (I or Q) that left the converter's range
     :param counts: what the frame adds to the manifest's counts
-    :param boxes: of the scene's things
     """
 
-    identity: FrameIdentity
-    range_channel: NDArray[np.complex64]
-    velocity: NDArray[np.float32]
-    magnitude: NDArray[np.float32]
-    noise_power: float
+    frame: Frame
     moments: NDArray[np.complex64]
-    targets: tuple[Target, ...]
-    list_cells: bool
-    cube: NDArray[np.complex64] | None
-    saturated: int = 0
-    counts: Mapping[str, int] = field(default_factory=dict)
-    boxes: tuple[Box, ...] = ()
+    counts: Mapping[str, int]
 
 
 def measure(
-    identity: FrameIdentity,
-    paths: PathTable,
-    targets: tuple[Target, ...],
-    radar: Radar,
-    processing: Processing,
-    at: Hook = plainly,
-    counts: Mapping[str, int] | None = None,
-    kernels: Kernels = ON_CPU,
+    frame: Frame, paths: PathTable, radar: Radar, processing: Processing, at: Hook = plainly, kernels: Kernels = ON_CPU
 ) -> Measurement:
     """Input and sweep moments of one frame from its illuminated paths.
 
-    :param counts: handed on
+    :param frame: the columns that are known before any signal is made
     :param kernels: of the device that makes the signals
     """
     intra_chirp = processing.intra_chirp_motion
@@ -137,26 +103,26 @@ def measure(
     recording = Recording(radar, processing.tolerance, intra_chirp)
     by_kernel = at("sorting", sorted_paths, paths, recording)
     cube = at("cube", kernels.cube, by_kernel, recording, 1)
-    noise = generator(identity.seed, "noise") if processing.noise else None
+    noise = generator(frame.seed, "noise") if processing.noise else None
     recorded, saturated = at("receiver", received, cube.astype(np.complex64, copy=False), radar, noise)
     noise_power = cell_noise_power(radar) if processing.noise else 0.0
     spectra = at("range-Doppler", range_doppler, recorded, radar)
     selection = at("Doppler choice", select_doppler, spectra, noise_power, processing.peaks)
     selection = at("velocity interval", unfold, selection, radar)
     moments = at("truth", kernels.truth, paths, radar, selection.cells[0], processing.truth_terms, intra_chirp)
-    return Measurement(
-        identity=identity,
+    frame = replace(
+        frame,
         range_channel=selection.range_channel,
         velocity=selection.velocities_mps(radar.waveform).astype(np.float32),
-        magnitude=selection.magnitude,
         noise_power=noise_power,
-        moments=moments * angle_window(processing.truth_window, moments.shape[-1]).astype(np.float32),
-        targets=targets,
-        list_cells=identity.kind == "scene",
+        range_doppler=selection.magnitude if processing.store == "range-doppler" else None,
         cube=recorded if processing.store == "cube" else None,
-        saturated=saturated,
-        counts={**(counts or {}), **by_kernel.counts()},
     )
+    counts = by_kernel.counts()
+    if radar.front_end.converter is not None:
+        counts["converter_saturated"] = saturated
+    moments = moments * angle_window(processing.truth_window, moments.shape[-1]).astype(np.float32)
+    return Measurement(frame, moments, counts)
 
 
 def _as_it_moves(paths: PathTable, radar: Radar, processing: Processing) -> PathTable:
@@ -165,36 +131,22 @@ def _as_it_moves(paths: PathTable, radar: Radar, processing: Processing) -> Path
 
 
 def image(
-    measurements: Sequence[Measurement], radar: Radar, store: str, at: Hook = plainly
+    measurements: Sequence[Measurement], radar: Radar, at: Hook = plainly
 ) -> Iterator[tuple[Frame, Counter[str]]]:
     """Frames of at most IMAGE_BATCH measurements, with the counts of each."""
     moments = np.stack([measurement.moments for measurement in measurements])
     images = at("image", near_field_images, moments, radar, radar.virtual_sensor)
     for measurement, picture in zip(measurements, images, strict=True):
-        magnitude = np.abs(picture)
-        peak = float(magnitude.max())
-        targets = measurement.targets
-        if measurement.list_cells:
-            cells = _cells(magnitude, measurement, radar)
+        frame, magnitude = measurement.frame, np.abs(picture)
+        peak, targets, of_scene = float(magnitude.max()), frame.targets, frame.kind == "scene"
+        if of_scene:
+            cells = _cells(magnitude, frame, radar)
             targets = tuple(sorted((*targets, *cells), key=lambda target: -target.amplitude_db))
-        frame = Frame(
-            **vars(measurement.identity),
-            range_channel=measurement.range_channel,
-            velocity=measurement.velocity,
-            image=(magnitude / peak if peak > 0.0 else magnitude).astype(np.float32),
-            image_peak=peak,
-            noise_power=measurement.noise_power,
-            targets=targets[:MAXIMUM_TARGETS],
-            boxes=measurement.boxes,
-            range_doppler=measurement.magnitude if store == "range-doppler" else None,
-            cube=measurement.cube,
-        )
         counts = Counter(measurement.counts)
-        counts["frames_empty"] += measurement.list_cells and not targets
+        counts["frames_empty"] += of_scene and not targets
         counts["targets_left_out"] += max(0, len(targets) - MAXIMUM_TARGETS)
-        if radar.front_end.converter is not None:
-            counts["converter_saturated"] += measurement.saturated
-        yield frame, counts
+        truth = (magnitude / peak if peak > 0.0 else magnitude).astype(np.float32)
+        yield replace(frame, image=truth, image_peak=peak, targets=targets[:MAXIMUM_TARGETS]), counts
 
 
 def object_targets(paths: PathTable, first_object: int, radar: Radar) -> tuple[Target, ...]:
@@ -217,10 +169,10 @@ def detected_cells(magnitude: NDArray[np.float32], noise_power: float) -> NDArra
     return (magnitude == maximum_filter(magnitude, size=3)) & (magnitude > floor)
 
 
-def _cells(magnitude: NDArray[np.float32], measurement: Measurement, radar: Radar) -> list[Target]:
+def _cells(magnitude: NDArray[np.float32], frame: Frame, radar: Radar) -> list[Target]:
     """The detected cells as targets."""
-    rows, columns = np.nonzero(detected_cells(magnitude, measurement.noise_power))
-    ranges, u, velocity = radar.waveform.ranges_m, radar.grid.u, measurement.velocity[0]
+    rows, columns = np.nonzero(detected_cells(magnitude, frame.noise_power))
+    ranges, u, velocity = radar.waveform.ranges_m, radar.grid.u, frame.velocity[0]
     level_db = amplitude_to_db(magnitude[rows, columns])
     return [
         Target(float(ranges[row]), float(u[column]), float(velocity[row]), float(level))

@@ -135,30 +135,29 @@ def total_counts(finished: Sequence[FinishedShard]) -> dict[str, float]:
     return dict(sorted(counts.items()))
 
 
-def render(order: Order, table: MaterialTable, execution: Execution, paths_alone: bool = False) -> Report:
+def render(order: Order, table: MaterialTable, execution: Execution) -> Report:
     """Render a dataset, or trace scene frames into ``paths/`` of the folder, for orders of stored paths.
 
-    :param paths_alone: trace
     :raises InputError: anything wrong with the order or its inputs, before anything is written
     :raises OSError: the disk or the store fails; what was finished can be resumed
     :raises RunFailed: worker processes died; what was finished can be resumed
     """
     started, device = time.perf_counter(), order.settings.device
-    if paths_alone:  # one trace serves many radars: each leaves out for itself what it would not notice
+    if order.paths_alone:  # one trace serves many radars: each leaves out for itself what it would not notice
         order = replace(order, effects=order.effects or ALL)
     # Workers get ready while scenes are opened: libraries take as long.
     count = min(processes_ahead(execution.workers, device), len(order))
     ahead = execution.engine.ahead(count, device if order.scenes else None)
     with claimed(execution.directory, execution.resume), ahead:
-        if not paths_alone:
+        if not order.paths_alone:
             jobs = execution.job.of if execution.job else 1
             require_room(execution.directory, math.ceil(len(order) / jobs), order.radar, order.settings.processing)
-        recipe = prepare(order, table, execution.announce, paths_alone)
+        recipe = prepare(order, table, execution.announce)
         load = recipe.job.load
         if execution.engine.name == LOCAL:
             execution = replace(execution, workers=workers_for(load, execution.workers, execution.announce))
         else:  # this process hands out; what the nodes hold is counted by Ray
             workers_for(load, 1, execution.announce)
-        if not paths_alone and (said := statement(order.radar)):
+        if not order.paths_alone and (said := statement(order.radar)):
             execution.announce(said)
         return produce(recipe, execution, started)

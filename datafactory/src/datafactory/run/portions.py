@@ -48,7 +48,7 @@ class Job:
     :param settings: of point frames; :param of_scenes: of scene frames
     :param schema_message: Arrow's schema message; a pickled :class:`pyarrow.Schema` forgets that the elements of its
         lists are never null, which would cost every reader a quarter of its time
-    :param load: what decides over the memory of a process that makes its frames
+    :param stored_rays: of a frame whose paths were traced before; 0 without such
     :param paths_alone: whether the rows are traced paths; otherwise frames
     """
 
@@ -58,8 +58,14 @@ class Job:
     settings: ChainSettings
     of_scenes: ChainSettings
     schema_message: bytes
-    load: Load
+    stored_rays: int
     paths_alone: bool
+
+    @property
+    def load(self) -> Load:
+        """What decides over the memory of a process that makes its frames."""
+        triangles = sum(scene.triangles for scene in self.scenes)
+        return Load(self.radar, self.settings, triangles, bool(self.scenes), not self.paths_alone, self.stored_rays)
 
     @property
     def schema(self) -> pa.Schema:

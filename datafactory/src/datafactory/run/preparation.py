@@ -7,11 +7,11 @@ Rendering, tracing, ``plan``, the accuracy sweep and the error budget all start 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from importlib.metadata import version
 from typing import Any
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from datafactory.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN, DEFAULT_RAYS, Announce
 from datafactory.effects.catalogue import ALL, NO_CHOICE, PATH_EFFECTS, EffectSet
@@ -20,7 +20,6 @@ from datafactory.frame.deal import PreparedScene, StoredRow, Wanted, dealt
 from datafactory.frame.points import PointTargets, rayleigh_length
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.storage import paths_schema, read_places
-from datafactory.run.memory import Load
 from datafactory.run.portions import Job
 from datafactory.run.shards import PATHS, ShardPlan, plan_shards
 from datafactory.scenes.boxes import boxed_things
@@ -34,51 +33,6 @@ from shared.physics.errors import InputError
 from shared.radar import Radar, validated
 from shared.signal.tdm import statement
 from shared.signal.windows import angle_window, point_spread
-
-
-@dataclass(frozen=True)
-class Traced:
-    """What a folder that ``datafactory trace`` wrote says of its frames together.
-
-    :param split: pattern that they were traced with; None where its manifest says none
-    :param rays: of a frame
-    :param entries: the manifest's ``scenes``
-    :param checksums: SHA-256 of the shards
-    """
-
-    split: str | None
-    rays: int
-    entries: list[dict[str, Any]]
-    checksums: tuple[str, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Order(Wanted):
-    """What the user asked for: which frames, of what, and how they are made.
-
-    :param scenes: ``--scene`` arguments, or scenes that were read before
-    :param traced: of the folder that ``stored`` lies in, instead of scenes
-    :param settings: how a frame is made, with every effect
-    :param effects: what is simulated of the scenes; None for what each frame calls for
-    :param budget_db: what leaving effects out of a frame may change then
-    :param licence: of the data, an SPDX expression; None where none is stated
-    """
-
-    radar: Radar
-    scenes: tuple[str | Scene, ...] = ()
-    traced: Traced | None = None
-    settings: ChainSettings = field(default_factory=ChainSettings)
-    effects: EffectSet | None = None
-    budget_db: float = DEFAULT_BUDGET_DB
-    licence: str | None = None
-
-    @property
-    def of_scenes(self) -> ChainSettings:
-        """How scene frames are made: with what was chosen, or with what each calls for by the budget."""
-        if self.effects is not None:
-            return self.effects.settings(self.settings)
-        every = ALL.settings(self.settings)
-        return replace(every, budget_db=self.budget_db, below_noise=self.settings.processing.noise)
 
 
 class _Radar(BaseModel):
@@ -98,11 +52,49 @@ class _Arguments(BaseModel):
     tracks: list[Any] = []
 
 
-class _Manifest(BaseModel):
-    """What rendering needs to know of a manifest of traced paths."""
+class Traced(BaseModel):
+    """What rendering needs to know of the manifest of a folder that ``datafactory trace`` wrote.
+
+    :param scenes: the entries of its scenes
+    :param checksums: SHA-256 of its shards, in their order
+    """
+
+    model_config = ConfigDict(frozen=True)
 
     arguments: _Arguments
     scenes: list[dict[str, Any]]
+    checksums: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Order(Wanted):
+    """What the user asked for: which frames, of what, and how they are made.
+
+    :param scenes: ``--scene`` arguments, or scenes that were read before
+    :param traced: of the folder that ``stored`` lies in, instead of scenes
+    :param settings: how a frame is made, with every effect
+    :param effects: what is simulated of the scenes; None for what each frame calls for
+    :param budget_db: what leaving effects out of a frame may change then
+    :param license: of the data, an SPDX expression; None where none is stated
+    :param paths_alone: for a folder of traced paths in place of a dataset of frames
+    """
+
+    radar: Radar
+    scenes: tuple[str | Scene, ...] = ()
+    traced: Traced | None = None
+    settings: ChainSettings = field(default_factory=ChainSettings)
+    effects: EffectSet | None = None
+    budget_db: float = DEFAULT_BUDGET_DB
+    license: str | None = None
+    paths_alone: bool = False
+
+    @property
+    def of_scenes(self) -> ChainSettings:
+        """How scene frames are made: with what was chosen, or with what each calls for by the budget."""
+        if self.effects is not None:
+            return self.effects.settings(self.settings)
+        every = ALL.settings(self.settings)
+        return replace(every, budget_db=self.budget_db, below_noise=self.settings.processing.noise)
 
 
 def stored_paths(
@@ -119,8 +111,8 @@ def stored_paths(
     records = [record for record in shard_records(path, manifest) if record.path.startswith(f"{PATHS}/")]
     if not records:
         raise InputError(folder, "holds no traced paths", "a folder written by datafactory trace")
-    understood = validated(_Manifest, manifest, path)
-    arguments = understood.arguments
+    traced = validated(Traced, manifest, path)
+    arguments = traced.arguments
     _require_same_regions(folder, arguments, split or arguments.split or DEFAULT_PATTERN)
     for end in ("tx_polarization", "rx_polarization"):
         before, wanted = arguments.radar.front_end.get(end, "V"), getattr(radar.front_end, end)
@@ -128,10 +120,9 @@ def stored_paths(
             problem = f"paths were traced with {end} = {before!r}, the radar has {wanted!r}"
             raise InputError(folder, problem, "the same polarisation, or datafactory trace with this radar")
     if effects is not None:
-        _require_same_paths(folder, EffectSet.of(set(arguments.effects)), effects)
-    rows = _rows(folder, records, len(understood.scenes))
+        _require_same_paths(folder, set(arguments.effects), set(effects.names))
     checksums = tuple(record.sha256 for record in records)
-    return Traced(arguments.split, arguments.trace.rays, manifest["scenes"], checksums), rows
+    return traced.model_copy(update={"checksums": checksums}), _rows(folder, records, len(traced.scenes))
 
 
 def _rows(folder: Location, records: Sequence[ShardRecord], scenes: int) -> tuple[StoredRow, ...]:
@@ -159,11 +150,11 @@ def _require_same_regions(folder: Location, arguments: _Arguments, split: str) -
         raise InputError("--split", problem, f"--split {traced}, or datafactory trace with this split")
 
 
-def _require_same_paths(folder: Location, traced: EffectSet, asked: EffectSet) -> None:
+def _require_same_paths(folder: Location, traced: set[str], asked: set[str]) -> None:
     """Which paths there are was settled when they were traced."""
     for name in PATH_EFFECTS:
-        if getattr(traced, name) != getattr(asked, name):
-            had, wants = ("with", "without") if getattr(traced, name) else ("without", "with")
+        if (name in traced) != (name in asked):
+            had, wants = ("with", "without") if name in traced else ("without", "with")
             problem = f"its paths were traced {had} {name}, --effects asks for frames {wants} it"
             raise InputError(folder, problem, "--effects auto, or datafactory trace with these effects")
 
@@ -182,27 +173,23 @@ class Recipe:
     manifest: dict[str, Any]
 
 
-def prepare(
-    order: Order, table: MaterialTable, announce: Announce = lambda line: None, paths_alone: bool = False
-) -> Recipe:
+def prepare(order: Order, table: MaterialTable, announce: Announce = lambda line: None) -> Recipe:
     """Make an order's inputs ready.
 
-    :param paths_alone: for a folder of traced paths in place of a dataset of frames
     :raises InputError: whatever is wrong with a scene or with a folder of traced paths
     """
     if said := _named_in_vain(order):
         announce(said)
-    of_scenes, opened = order.of_scenes, opened_scenes(order)
+    opened = [scene if isinstance(scene, Scene) else open_scene(scene) for scene in order.scenes]
     scenes = tuple(prepared_scene(scene, table, announce) for scene in opened)
     deal = dealt(order, opened)
     for said in deal.remarks():
         announce(said)
-    plans = plan_shards((PATHS,) * len(deal) if paths_alone else deal.splits())
-    entries = [_entry(source, scene) for source, scene in zip(opened, scenes, strict=True)]
-    if order.traced is not None:
-        entries = order.traced.entries
+    plans = plan_shards((PATHS,) * len(deal) if order.paths_alone else deal.splits())
+    traced = order.traced
+    entries = list(map(_entry, opened, scenes)) if traced is None else traced.scenes
     about, schema, processing = dict[str, Any](), paths_schema(), order.settings.processing
-    if not paths_alone:
+    if not order.paths_alone:
         conventions = _conventions(order.radar, processing.truth_window)
         about = description(order.radar, processing.peaks, processing.store, conventions)
         schema = arrow_schema(about)
@@ -211,15 +198,15 @@ def prepare(
         deal=deal,
         scenes=scenes,
         settings=order.settings,
-        of_scenes=of_scenes,
+        of_scenes=order.of_scenes,
         schema_message=schema.serialize().to_pybytes(),
-        load=load_of(order, sum(scene.triangles for scene in scenes), rendered=not paths_alone),
-        paths_alone=paths_alone,
+        stored_rays=0 if traced is None else traced.arguments.trace.rays,
+        paths_alone=order.paths_alone,
     )
     stated = {name: about[name] for name in STATED if name in about}
-    if order.licence is not None:
-        stated["license"] = order.licence
-    return Recipe(job, plans, {"arguments": _arguments(order, scenes, paths_alone), "scenes": entries, **stated})
+    if order.license is not None:
+        stated["license"] = order.license
+    return Recipe(job, plans, {"arguments": _arguments(order, scenes), "scenes": entries, **stated})
 
 
 STATED = ("radar", "array", "virtual_sensor", "axes", "shapes", "conventions", "truth")
@@ -254,65 +241,31 @@ def _conventions(radar: Radar, window: str) -> dict[str, Any]:
     }
 
 
-def opened_scenes(order: Order) -> list[Scene]:
-    """The scenes of an order, read where they are named.
-
-    :raises InputError: a scene that cannot be read
-    """
-    return [scene if isinstance(scene, Scene) else open_scene(scene) for scene in order.scenes]
-
-
-def load_of(order: Order, triangles: int, rendered: bool = True) -> Load:
-    """What decides over the memory of a run.
-
-    :param triangles: of the order's scenes
-    :param rendered: whether cubes are made
-    """
-    return Load(
-        order.radar,
-        order.settings,
-        triangles,
-        traced=bool(order.scenes),
-        rendered=rendered,
-        stored_rays=0 if order.traced is None else order.traced.rays,
-    )
+OTHERWISE = ("settings", "stored", "traced", "paths_alone", "antenna_pattern", "below_noise")
+"""Fields of an order and of its settings that the arguments have in another form, or that follow from the effects."""
+OF_SCENES = ("scenes", "materials", "frames", "poses", "tracks", "drives", "speed_mps", "trace")
+"""What paths that were traced before have settled."""
+OF_SIGNALS = ("processing", "prune_db", "close_targets")
+"""What traced paths do not depend on."""
 
 
-def _arguments(order: Order, scenes: Sequence[PreparedScene], paths_alone: bool) -> dict[str, Any]:
-    """What of an order determines the bytes, by the names that the user knows."""
-    settings, found = order.settings, dict[str, Any]()
-    if order.traced is not None:
-        found["paths"] = list(order.traced.checksums)
-    else:
-        found |= {
-            "scenes": [{"scene": scene.name, "content": scene.content} for scene in scenes],
-            "materials": [scene.materials.to_json() for scene in scenes],
-            "frames": order.frames,
-            "poses": [asdict(pose) for pose in order.poses],
-            "tracks": [[asdict(pose) for pose in track] for track in order.tracks],
-            "drives": None if order.drives is None else asdict(order.drives),
-            "trace": asdict(settings.trace),
-        }
-        if order.speeds is not None:
-            found["speed_mps"] = list(order.speeds)
-    if not paths_alone:
-        found["processing"] = asdict(settings.processing)
-        found["prune_db"] = settings.prune_db
-        found["close_targets"] = asdict(settings.close_targets)
-    if order.licence is not None:
-        found["license"] = order.licence
-    return {
+def _arguments(order: Order, scenes: Sequence[PreparedScene]) -> dict[str, Any]:
+    """What of an order determines the bytes, as JSON values: its fields, by the names that the user knows."""
+    found = {item.name: getattr(of, item.name) for of in (order.settings, order) for item in fields(of)} | {
+        "scenes": [{"scene": scene.name, "content": scene.content} for scene in scenes],
+        "materials": [scene.materials.to_json() for scene in scenes],
+        "targets": [_as_lists(targets) for targets in order.targets],
         "effects": "auto" if order.effects is None else order.effects.names,
         "budget_db": order.budget_db if order.effects is None else None,
-        "points": order.points,
-        "targets": [_as_lists(targets) for targets in order.targets],
-        "seed": order.seed,
-        "split": order.split,
-        "radar": order.radar.model_dump(mode="json"),
-        "device": settings.device,
         "versions": {name: version(name) for name in ("sparseradar-datafactory", "sionna-rt")},
-        **found,
     }
+    left_out = {*OTHERWISE, *(name for name in ("speed_mps", "license") if found[name] is None)}
+    left_out.update(OF_SIGNALS if order.paths_alone else ())
+    if order.traced is not None:
+        found["paths"] = order.traced.checksums
+        left_out.update(OF_SCENES)
+    stated = {name: value for name, value in found.items() if name not in left_out}
+    return TypeAdapter(dict[str, Any]).dump_python(stated, mode="json")
 
 
 def _as_lists(targets: PointTargets) -> dict[str, Any]:
@@ -343,7 +296,7 @@ def _named_in_vain(order: Order) -> str:
     """What to say of effects that were chosen and are no choice; "" without such."""
     if order.effects is None or order.effects == ALL:
         return ""
-    named = ", ".join(name for name in NO_CHOICE if getattr(order.effects, name))
+    named = ", ".join(name for name in NO_CHOICE if name in order.effects.names)
     return f"--effects: {named} made no difference: simulated wherever something to work on is" if named else ""
 
 

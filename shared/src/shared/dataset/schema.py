@@ -14,7 +14,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -169,14 +169,14 @@ class Frame(Told):
     kind: str
     scene: str
     seed: int
-    sensor_position: tuple[float, float, float]
-    sensor_velocity: tuple[float, float, float]
-    sensor_orientation: tuple[float, float, float, float]
-    range_channel: NDArray[np.complex64]
-    velocity: NDArray[np.float32]
-    image: NDArray[np.float32]
-    image_peak: float
-    noise_power: float
+    sensor_position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    sensor_velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    sensor_orientation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    range_channel: NDArray[np.complex64] = field(default_factory=lambda: np.empty(0, np.complex64))
+    velocity: NDArray[np.float32] = field(default_factory=lambda: np.empty(0, np.float32))
+    image: NDArray[np.float32] = field(default_factory=lambda: np.empty(0, np.float32))
+    image_peak: float = 0.0
+    noise_power: float = 0.0
     targets: tuple[Target, ...] = ()
     boxes: tuple[Box, ...] = ()
     range_doppler: NDArray[np.float32] | None = None
@@ -258,23 +258,23 @@ def to_record_batch(frames: Sequence[Frame], schema: pa.Schema) -> pa.RecordBatc
     """
     shapes = json.loads(schema.metadata[METADATA_KEY])["shapes"]
     columns = []
-    for field in schema:
-        name = field.name
+    for item in schema:
+        name = item.name
         if name in shapes:
             flat = [_flat_array(frame, name, tuple(shapes[name])) for frame in frames]
             values = flat[0] if len(flat) == 1 else np.concatenate(flat) if flat else np.empty(0, np.float32)
-            columns.append(pa.FixedSizeListArray.from_arrays(pa.array(values), type=field.type))
+            columns.append(pa.FixedSizeListArray.from_arrays(pa.array(values), type=item.type))
         elif name in VECTORS:
             vectors = np.array([_vector(frame, name) for frame in frames], dtype=np.float64)
-            columns.append(pa.FixedSizeListArray.from_arrays(pa.array(vectors.reshape(-1)), type=field.type))
+            columns.append(pa.FixedSizeListArray.from_arrays(pa.array(vectors.reshape(-1)), type=item.type))
         elif name == "targets":
             rows = [[_target_row(frame, target) for target in frame.targets] for frame in frames]
-            columns.append(pa.array(rows, type=field.type))
+            columns.append(pa.array(rows, type=item.type))
         elif name == "boxes":
             rows = [[_box_row(frame, box) for box in frame.boxes] for frame in frames]
-            columns.append(pa.array(rows, type=field.type))
+            columns.append(pa.array(rows, type=item.type))
         else:
-            columns.append(pa.array([_scalar(frame, name) for frame in frames], type=field.type))
+            columns.append(pa.array([_scalar(frame, name) for frame in frames], type=item.type))
     return pa.RecordBatch.from_arrays(columns, schema=schema)
 
 
