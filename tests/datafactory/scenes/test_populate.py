@@ -22,7 +22,7 @@ from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.things import Population, Strip
 from datafactory.scenes.traffic.arrange import REACH_M, Asked, parse_populate
 from datafactory.scenes.traffic.population import populated, recorded
-from datafactory.scenes.traffic.stretches import HORIZON_S, Course, spaced
+from datafactory.scenes.traffic.stretches import HORIZON_S, Course, length_of, plane_under, spaced
 from shared.physics.errors import InputError
 
 STREET = Path(__file__).resolve().parents[3] / "scenes" / "street.usda"
@@ -217,3 +217,21 @@ def test_rectangles_meet_where_no_side_of_either_separates_them() -> None:
         assert other.overlaps(square, apart_m + 1e-9)
         assert not square.overlaps(other, apart_m - 1e-9)
         assert not other.overlaps(square, apart_m - 1e-9)
+
+
+def test_a_plane_under_a_strip_is_that_of_least_squares() -> None:
+    ground = free_ground(two_blocks())
+    strip = Strip((20.0, 0.4), 0.3, 9.0, 1.7)
+    along, left = (axis.ravel() for axis in np.meshgrid(np.linspace(-4.5, 4.5, 9), np.linspace(-1.7, 1.7, 5)))
+    z = ground.heights_at(*strip.places(along, left))
+    assert np.ptp(z) > 0.1
+    reference = np.linalg.lstsq(np.stack([np.ones(45), along, left], axis=1), z, rcond=None)[0]
+    found = plane_under(ground, strip, (9, 5), 0.5)
+    assert found == pytest.approx(tuple(reference), abs=1e-12)
+    off = np.abs(np.stack([np.ones(45), along, left], axis=1) @ reference - z).max()
+    assert plane_under(ground, strip, (9, 5), 0.999 * off - 1e-12) is None
+
+
+def test_a_length_is_that_of_numpy() -> None:
+    vectors = np.random.default_rng(3).normal(size=(50, 3)) * 10.0 ** np.random.default_rng(4).uniform(-9, 9, (50, 1))
+    np.testing.assert_allclose([length_of(v) for v in vectors], np.linalg.norm(vectors, axis=1), rtol=3e-16)

@@ -26,6 +26,7 @@ from datafactory.scenes.traffic.stretches import (
     Line,
     Stretch,
     layout_of,
+    length_of,
     plane_under,
     spaced,
     tilted,
@@ -213,7 +214,7 @@ def _streams(
         half = 0.5 * stretch.strip.length_m - end_m
         axes = stretch.axes(0.0 if line.forward else np.pi)
         first, last = (stretch.point(along if line.forward else -along, line.left_m) for along in (-half, half))
-        length = float(np.linalg.norm(last - first))
+        length = length_of(last - first)
         (x, y, z), (a, b, c) = first.tolist(), ((last - first) / length).tolist()
         course = Course((x, y, z), (a, b, c), length, float(rng.uniform(*speeds)))
         for kind, at_m in zip(own, spaced(len(own), length, least_m, rng).tolist(), strict=True):

@@ -16,8 +16,10 @@ its end too. The leap is the one thing that no vehicle does; it happens at the e
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,8 +90,20 @@ def tilted(heading_rad: float, slope_ahead: float, slope_left: float) -> Real:
     cosine, sine = np.cos(heading_rad), np.sin(heading_rad)
     ahead = np.array([cosine, sine, slope_ahead]) / np.hypot(1.0, slope_ahead)
     up = np.cross(ahead, [-sine, cosine, slope_left])
-    up /= np.linalg.norm(up)
+    up /= length_of(up)
     return np.stack([ahead, np.cross(up, ahead), up])
+
+
+def length_of(vector: Real) -> float:
+    """Of a vector [n], with the same bits on every processor.
+
+    Each square is added as by a fused multiply-add, rounded once: so OpenBLAS sums where the processor has AVX-512,
+    on which the scenes of the shipped networks' records were made, and otherwise elsewhere.
+    """
+    squares = Fraction(0)
+    for value in vector.tolist():
+        squares = Fraction(float(Fraction(value) ** 2 + squares))
+    return math.sqrt(squares)
 
 
 def clear_width(ground: Ground, blocked: Mask) -> Real:
@@ -188,10 +202,12 @@ def plane_under(ground: Ground, strip: Strip, points: tuple[int, int], uneven_m:
     z = ground.heights_at(*strip.places(along, left))
     if not np.isfinite(z).all():
         return None
-    base = np.stack([np.ones_like(along), along, left], axis=1)
-    plane = np.linalg.lstsq(base, z, rcond=None)[0]
-    level, rise, tilt = plane.tolist()
-    return (level, rise, tilt) if np.abs(base @ plane - z).max() <= uneven_m else None
+    # The places lie on a grid about the middle, on which the three unknowns are orthogonal. Sums that are rounded once
+    # have the same bits on every processor, those of a linear algebra library have not.
+    level = math.fsum(z.tolist()) / z.size
+    rise, tilt = (math.fsum((axis * z).tolist()) / math.fsum((axis * axis).tolist()) for axis in (along, left))
+    off = np.abs(level + rise * along + tilt * left - z)
+    return (level, rise, tilt) if off.max() <= uneven_m else None
 
 
 @dataclass(frozen=True)
