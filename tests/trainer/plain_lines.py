@@ -11,6 +11,8 @@ from scipy.stats import chi2
 from trainer.estimators import groups
 from trainer.estimators.array import LineArray, uniform_axis
 from trainer.estimators.fitting import MOST_LINES, RESIDUAL_TAIL, SEARCH_POINTS
+from trainer.estimators.group_replacements import CROWDED, ELSEWHERE, MOST_SEARCHED
+from trainer.estimators.group_steps import PRUNING_STEPS
 from trainer.estimators.lines import bounded_energy_left
 from trainer.estimators.moves import additions, pairs_elsewhere, refit
 
@@ -44,7 +46,7 @@ class PlainFit:
     def lines(self, given: Sequence[float] = ()) -> Lines:
         """Their angles, rising."""
         lone = self._added(self.u)[0]
-        if self._refined(self.u, 0)[1] - self._refined(lone, int(groups.PRUNING_STEPS))[1] > self.price:
+        if self._refined(self.u, 0)[1] - self._refined(lone, int(PRUNING_STEPS))[1] > self.price:
             self.u = np.array(given)[: self.most] if len(given) else lone
             self._begin()
             self._prune()
@@ -55,10 +57,10 @@ class PlainFit:
                 if grown:
                     self._prune()
                 if 0 < len(self.u) <= 2:
-                    self._replace(self._added(np.empty(0), groups.ELSEWHERE))
+                    self._replace(self._added(np.empty(0), ELSEWHERE))
                 if len(self.u) >= 2:
                     self._pairs()
-                if len(self.u) > 2 and groups.CROWDED * len(self.u) >= self.array.channels:
+                if len(self.u) > 2 and CROWDED * len(self.u) >= self.array.channels:
                     self._merge()
                 if self.u is before:
                     break
@@ -86,11 +88,11 @@ class PlainFit:
             if min(costs) >= self.price:
                 break
             self.u = np.delete(self.u, int(np.argmin(costs)))
-        self._take(self.u, int(groups.PRUNING_STEPS))
+        self._take(self.u, int(PRUNING_STEPS))
 
     def _prune(self) -> None:
         while len(self.u):
-            trials = [self._refined(fewer, int(groups.PRUNING_STEPS)) for fewer in without(self.u)]
+            trials = [self._refined(fewer, int(PRUNING_STEPS)) for fewer in without(self.u)]
             best, left = min(trials, key=lambda trial: trial[1])
             if left - self.left(self.u) >= self.price:
                 break
@@ -117,7 +119,7 @@ class PlainFit:
     def _pairs(self) -> None:
         count, none = len(self.u), np.empty(0)
         self._replace(self._beside(none, self.u if count == 2 else none))
-        for line in range(count if 2 < count <= groups.MOST_SEARCHED else 0):
+        for line in range(count if 2 < count <= MOST_SEARCHED else 0):
             if len(self.u) == count:
                 self._replace(self._beside(self.u[line : line + 1], none))
 
@@ -125,11 +127,9 @@ class PlainFit:
         self._replace(np.stack([self._added(fewer)[0] for one in without(self.u) for fewer in without(one)]))
 
     def _beside(self, kept: Lines, avoided: Lines) -> NDArray[np.float64]:
-        return pairs_elsewhere(self.x, self.array, self.axis, kept[None], avoided[None], groups.ELSEWHERE)[0]
+        return pairs_elsewhere(self.x, self.array, self.axis, kept[None], avoided[None], ELSEWHERE)[0]
 
     def _replace(self, trials: NDArray[np.float64]) -> None:
-        best, left = min(
-            (self._refined(trial, int(groups.PRUNING_STEPS)) for trial in trials), key=lambda trial: trial[1]
-        )
+        best, left = min((self._refined(trial, int(PRUNING_STEPS)) for trial in trials), key=lambda trial: trial[1])
         if left < self.left(self.u) + (len(self.u) - len(best)) * self.price:
             self.u = best

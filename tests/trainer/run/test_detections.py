@@ -145,10 +145,7 @@ def test_a_strong_target_between_bins_is_one_line_whose_place_its_cells_tell(see
     """Half a bin from two centres: beyond OWN_BINS its sidelobes would be more, within half a bin it would be none."""
     found = detect(at_rest([150.5], [0.2], [60.0], seed), np.zeros((1, 630)))
     assert (found.range_std <= 0.5 * STEP).all()  # PLACED_BINS
-    assert found.range_m[0] / STEP == pytest.approx(150.5, abs=0.06)  # OWN_BINS
-    # Noise may lift a sidelobe, or be a line by itself.
-    assert (found.amplitude_db[1:] < found.amplitude_db[0] - 55.0).all()
-    assert len(found) <= 2
+    assert found.range_m / STEP == pytest.approx([150.5], abs=0.06)  # OWN_BINS
 
 
 @pytest.mark.parametrize("seed", range(3))

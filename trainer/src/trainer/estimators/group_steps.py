@@ -22,6 +22,8 @@ from trainer.estimators.group_products import (
 )
 from trainer.estimators.small_matrices import part, solve
 
+PRUNING_STEPS = np.int64(4)
+"""Gauss-Newton steps of a trial."""
 LARGEST_STEP, SETTLED = 0.25, 1e-6
 """Of a resolution cell or a bin: farther than the one the linear step is no guide, below the other it changes
 nothing."""
@@ -31,6 +33,25 @@ FIRST_DAMPING, DAMPING_FACTOR, LEAST_DAMPING, MOST_DAMPING = 1e-3, 10.0, 1e-9, 1
 """Levenberg's, relative to the diagonal: a rejected step raises it, an accepted one lowers it."""
 CLOSEST = 1e-9
 """Least share of a line outside the span of others that is told from rounding."""
+
+
+@part
+def smallest_first(values, count, order):
+    """Fill ``order`` with the indices of the ``len(order)`` smallest of ``count`` values; equal ones in their order."""
+    kept = 0
+    for index in range(count):
+        if kept < len(order):
+            place = kept
+            kept += 1
+        elif values[index] < values[order[kept - 1]]:
+            place = kept - 1
+        else:
+            continue
+        while place > 0 and values[index] < values[order[place - 1]]:
+            order[place] = order[place - 1]
+            place -= 1
+        order[place] = index
+    return kept
 
 
 @part

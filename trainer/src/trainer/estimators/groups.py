@@ -30,7 +30,7 @@ with known noise):
    again: an older line may have become needless.
 5. In the place of one or two lines the best lone one is tried, of two and more the best pair elsewhere, of three to
    five also pairs beside each one: the lobes of a sparse array make optima that no small step leaves. Where channels
-   are few for the lines, one line is tried in the place of each two.
+   are few for the lines, one line is tried in the place of each two (:mod:`trainer.estimators.group_replacements`).
 6. Where steps 3 to 5 removed or replaced a line, they and step 4 begin again.
 """
 
@@ -40,14 +40,14 @@ import numpy as np
 from numba import prange
 
 from shared.physics.compiled import compiled
-from trainer.estimators.group_model import bounded, describe, energy_left, least_squares
-from trainer.estimators.group_products import ONE, ZERO, Group, empty_work, evaluate
-from trainer.estimators.group_steps import best_start, copy, put, refine, scan
+from trainer.estimators.group_model import bounded, describe, energy_left
+from trainer.estimators.group_products import ONE, ZERO, Group, empty_work
+from trainer.estimators.group_replacements import replaced
+from trainer.estimators.group_steps import PRUNING_STEPS, best_start, copy, put, refine, smallest_first
 from trainer.estimators.small_matrices import part
 
-STEPS, PRUNING_STEPS, RACE_STEPS, RACE_KEPT = np.int64(12), np.int64(4), np.int64(4), 4
-"""Gauss-Newton steps of what is kept, of a trial, and of a line that is added or split; of splits the best are refined
-to the end."""
+STEPS, RACE_STEPS, RACE_KEPT = np.int64(12), np.int64(4), 4
+"""Gauss-Newton steps of what is kept, and of a line that is added or split; the best are refined to the end."""
 ON_GRID = (0.85, 0.6)
 """Share of its energy that a lone line has at least at the nearest angle that is searched, an eighth of a cell off, in
 one bin; and in a group at the nearest whole bin too: half-way between bins that is 0.69."""
@@ -60,46 +60,12 @@ FEW = 6
 another number than the plain fit finds, with 5 one of 160 (``tests/trainer/estimators/test_fitting.py``)."""
 SPLIT_CELLS = (0.5, 0.2)
 """Distances of the two halves of a split line before they are refined, in resolution cells."""
-ELSEWHERE = 3
-"""Angles, and pairs of angles far from a row's lines, that are refined in their place."""
-MOST_SEARCHED = 5
-"""Lines of a group beside each of which pairs are tried."""
-CROWDED = 4
-"""Channels to a line, of so many or fewer each two lines are tried as one: in one row of a hundred of 12 channels that
-ends at a better optimum."""
-NEAR_CELLS = 0.2
-"""Angles so near are refined to the same ones."""
-KEPT_ANGLES = 48
-"""Of a group, of which all pairs are tried."""
 DRAWS_AT = 1.5
 """Resolution cells: only lines so near to another may lose it for less than least squares at these angles says."""
 CHEAPEST = 4
 """Lines whose removal is tried, the others refined again: the cheapest at their places is seldom not among them."""
 DEAR = 20.0
 """Times the threshold: a line that costs so much more and has no neighbour is not tried without."""
-LEAST_APART = 1e-4
-"""Least share of a pair's lines outside each other that is told from rounding."""
-OFF_GRID = 0.1
-"""Share of its energy that a pair between grid angles may gain by being refined, at most."""
-
-
-@part
-def _smallest_first(values, count, order):
-    """Fill ``order`` with the indices of the ``len(order)`` smallest of ``count`` values; equal ones in their order."""
-    kept = 0
-    for index in range(count):
-        if kept < len(order):
-            place = kept
-            kept += 1
-        elif values[index] < values[order[kept - 1]]:
-            place = kept - 1
-        else:
-            continue
-        while place > 0 and values[index] < values[order[place - 1]]:
-            order[place] = order[place - 1]
-            place -= 1
-        order[place] = index
-    return kept
 
 
 @part
@@ -133,7 +99,7 @@ def _prune(model, group, place, lines, left, work):
             return 0, group.energy
         _cheapest(model, group, place, lines, work, costs)
         least = np.inf
-        for ranked in range(_smallest_first(costs, lines, order)):
+        for ranked in range(smallest_first(costs, lines, order)):
             line = order[ranked]
             near = False
             for other in range(lines):
@@ -184,7 +150,7 @@ def _grow(model, group, place, lines, left, work):
         if lines <= FEW or not left - energies[0] > model.further * group.noise:
             count += _split(model, group, place, lines, trials[1:], energies[1:], work)
         best, least = -1, left
-        for ranked in range(_smallest_first(energies, count, order)):
+        for ranked in range(smallest_first(energies, count, order)):
             index = order[ranked]
             energy = energies[0] if count == 1 else refine(model, group, trials[index], lines + 1, STEPS, work)
             if energy < least:
@@ -197,148 +163,13 @@ def _grow(model, group, place, lines, left, work):
 
 
 @part
-def _try_lone(model, group, place, lines, left, work):
-    """The angles that explain most in place of all: a peak that the fit began with may be a sidelobe's."""
-    offset, fewer = place[0, 1], lines - 1
-    scan(model, group, ZERO, offset, work)
-    angles = len(model.axis)
-    trial, height = np.empty((1, 2)), np.empty(angles)
-    peaks = np.empty(ELSEWHERE, dtype=np.int64)
-    for index in range(angles):
-        before, after = work.score[(index - 1) % angles], work.score[(index + 1) % angles]
-        height[index] = -work.score[index] if work.score[index] >= before and work.score[index] > after else 0.0
-    count = _smallest_first(height, angles, peaks)
-    for ranked in range(count):
-        index = peaks[ranked]
-        allowed = left + fewer * model.further * group.noise
-        if group.energy + height[index] * (1.0 + OFF_GRID) >= allowed:
-            break
-        put(trial, ZERO, model.axis[index], offset)
-        energy = refine(model, group, trial, ONE, PRUNING_STEPS, work)
-        if energy < allowed:
-            copy(trial, ONE, place)
-            lines, left, fewer = 1, energy, 0
-    return lines, left
-
-
-@part
-def _replace_by_pair(model, group, place, lines, left, line, work):
-    """The best pairs beside line ``line``, -1 for none, in the place of a group's others where that costs less."""
-    kept = 0 if line < 0 else 1
-    fewer = lines - kept - 2
-    trial = np.empty((kept + 2, 2))
-    offset = place[0, 1]
-    if kept:
-        put(trial, ZERO, place[line, 0], place[line, 1])
-        offset = place[0 if line else 1, 1]
-        evaluate(model, group, trial, kept, work, ZERO)
-        least_squares(work, ZERO, 1 + group.coordinates, kept)
-    scan(model, group, kept, offset, work)
-    count = min(KEPT_ANGLES, len(model.axis))
-    angles = np.empty(count, dtype=np.int64)
-    for index in range(len(model.axis)):
-        work.score[index] = -work.score[index]
-    _smallest_first(work.score, len(model.axis), angles)
-    # In rising order: the overlap is that of the second angle less the first.
-    for i in range(1, count):
-        index, j = angles[i], i
-        while j > 0 and angles[j - 1] > index:
-            angles[j] = angles[j - 1]
-            j -= 1
-        angles[j] = index
-    near = NEAR_CELLS * model.cell
-    pairs = count * (count - 1) // 2
-    energy, first, second = np.empty(pairs), np.empty(pairs, dtype=np.int64), np.empty(pairs, dtype=np.int64)
-    norm, inside, matched = np.ones(count), np.zeros(count, dtype=np.complex128), np.empty(count, dtype=np.complex128)
-    power, occupied = np.empty(count), np.zeros(count, dtype=np.bool_)
-    for i in range(count):
-        if kept:
-            inside[i] = complex(work.inside[0, 0, angles[i]], work.inside[0, 1, angles[i]])
-            norm[i] = np.sqrt(max(1.0 - inside[i].real ** 2 - inside[i].imag ** 2, LEAST_APART))
-        matched[i] = complex(work.matched[0, angles[i]], work.matched[1, angles[i]]) / norm[i]
-        power[i] = matched[i].real ** 2 + matched[i].imag ** 2
-        # Where a line fewer would do, the best pair may stand near the lines.
-        if lines == 2:
-            for k in range(2):
-                occupied[i] |= abs(model.axis[angles[i]] - place[k, 0]) < near
-    pair = 0
-    for i in range(count):
-        for j in range(i + 1, count):
-            first[pair], second[pair], energy[pair] = i, j, 0.0
-            if not (occupied[i] and occupied[j]):
-                overlap = model.overlap[angles[j] - angles[i]] - np.conj(inside[i]) * inside[j]
-                overlap = overlap / (norm[i] * norm[j])
-                apart = 1.0 - overlap.real**2 - overlap.imag**2
-                if apart > LEAST_APART:
-                    cross = np.conj(matched[i]) * matched[j]
-                    joint = power[i] + power[j] - 2.0 * (cross.real * overlap.real - cross.imag * overlap.imag)
-                    energy[pair] = joint / apart
-            pair += 1
-    have = group.energy
-    if kept:
-        # What the kept line leaves by itself.
-        have = group.energy - (work.right[0, 0].real ** 2 + work.right[0, 0].imag ** 2) / work.gram[0, 0, 0].real
-    best_left, best = np.inf, np.empty((kept + 2, 2))
-    allowed = left + fewer * model.further * group.noise
-    for _ in range(ELSEWHERE):
-        top = np.argmax(energy)
-        if have - energy[top] - OFF_GRID * (group.energy - have + energy[top]) >= allowed:
-            break
-        low, high = model.axis[angles[first[top]]], model.axis[angles[second[top]]]
-        put(trial, kept, low, offset)
-        put(trial, kept + 1, high, offset)
-        if kept:
-            put(trial, ZERO, place[line, 0], place[line, 1])
-        found = refine(model, group, trial, kept + 2, PRUNING_STEPS, work)
-        if found < best_left:
-            best_left = found
-            copy(trial, kept + 2, best)
-        for pair in range(pairs):
-            a, b = model.axis[angles[first[pair]]], model.axis[angles[second[pair]]]
-            if min(abs(a - low), abs(a - high)) < near and min(abs(b - low), abs(b - high)) < near:
-                energy[pair] = 0.0
-    if best_left < allowed:
-        lines, left = kept + 2, best_left
-        copy(best, lines, place)
-    return lines, left
-
-
-@part
-def _merge(model, group, place, lines, left, work):
-    """The best line in the place of two, for each two of a group's, where that costs less: (lines, left)."""
-    kept, best = lines - 2, lines
-    trial, found = np.empty((lines - 1, 2)), np.empty((lines - 1, 2))
-    least = left + model.further * group.noise
-    for first in range(lines):
-        for second in range(first):
-            count = 0
-            for line in range(lines):
-                if line not in (first, second):
-                    put(trial, count, place[line, 0], place[line, 1])
-                    count += 1
-            evaluate(model, group, trial, kept, work, ZERO)
-            explained = least_squares(work, ZERO, 1 + group.coordinates, kept)
-            angle, offset, most = best_start(model, group, trial, kept, work)
-            if group.energy - explained - most - OFF_GRID * (explained + most) < least:
-                put(trial, kept, angle, offset)
-                energy = refine(model, group, trial, lines - 1, PRUNING_STEPS, work)
-                if energy < least:
-                    least, best = energy, lines - 1
-                    copy(trial, best, found)
-    if best < lines:
-        copy(found, best, place)
-        return best, least
-    return lines, left
-
-
-@part
 def _begin(model, group, place, lines, work):
     """Of the given lines those that least squares needs, at least one, refined: (lines, left)."""
     costs, fewer = np.empty(model.most), np.empty((model.most, 2))
     order = np.empty(1, dtype=np.int64)
     while lines > 1:
         _cheapest(model, group, place, lines, work, costs)
-        _smallest_first(costs, lines, order)
+        smallest_first(costs, lines, order)
         least = order[0]
         if not costs[least] < model.further * group.noise:
             break
@@ -380,16 +211,7 @@ def _fit(model, group, given, place, work):
         full, before = lines, left
         if grown:
             lines, left = _prune(model, group, place, lines, left, work)
-        if 0 < lines <= 2:
-            lines, left = _try_lone(model, group, place, lines, left, work)
-        if lines >= 2:
-            count = lines
-            lines, left = _replace_by_pair(model, group, place, lines, left, -ONE, work)
-            for line in range(count if 2 < count <= MOST_SEARCHED else 0):
-                if lines == count:
-                    lines, left = _replace_by_pair(model, group, place, lines, left, line, work)
-        if lines > 2 and CROWDED * lines >= len(model.phase):
-            lines, left = _merge(model, group, place, lines, left, work)
+        lines, left = replaced(model, group, place, lines, left, work)
         if lines == full and left == before:
             break
     refine(model, group, place, lines, STEPS, work)

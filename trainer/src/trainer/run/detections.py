@@ -184,7 +184,7 @@ def find_detections(
     cell, nearest = cells[peak[group], row[group]], np.rint(row[group] + offset).astype(np.intp)
     at_a_centre = np.isin(_place(cell, nearest), _place(cells[peak, row], row))
     shown &= np.abs(offset) <= np.where(at_a_centre, OWN_BINS, REACH_BINS)
-    lines = Lines(group, energy, row[group] + offset, cell, u, amplitude_to_db(amplitude))
+    lines = Lines(group, energy, row[group] + offset, cell, u, u_std, amplitude_to_db(amplitude))
     near = SAME_ANGLE_CELLS * array.resolution_cell
     kept = lines.once(np.flatnonzero(shown), near, waveform.chirps)
     kept = lines.explained_by_none(kept, near, waveform.chirps, float(np.sqrt(least / array.channels)))

@@ -27,6 +27,8 @@ which the Hann window leaves about ten independent, and few enough for the sideb
 SIDEBAND_FACTOR = 18.0
 """Of the median power there: -ln(1e-4) times the mean, which is the median / ln 2 of an exponential distribution, and
 1.4 dB more, since a line stands where it is strongest, between bins too."""
+DISPLACED = 3.0
+"""Standard deviations, by which noise may have displaced a sidelobe from the angle of its line."""
 LEAST_OFFSET = 1.5
 """Bins from a peak where the window's response has fallen and its envelope begins."""
 
@@ -66,7 +68,8 @@ class Lines:
     :param energy: [N] of its group's cells
     :param place: [N] range bin with its fraction
     :param cell: [N] Doppler cell
-    :param u: [N] sin(azimuth); :param level_db: [N] of the amplitude [dB re 1 sqrt(W)]
+    :param u: [N] sin(azimuth); :param u_std: [N] its standard deviation
+    :param level_db: [N] of the amplitude [dB re 1 sqrt(W)]
     """
 
     group: NDArray[np.intp]
@@ -74,6 +77,7 @@ class Lines:
     place: NDArray[np.float64]
     cell: NDArray[np.int64]
     u: NDArray[np.float64]
+    u_std: NDArray[np.float64]
     level_db: NDArray[np.float64]
 
     def _apart(self, index: int, others: NDArray[np.intp], chirps: int) -> tuple[NDArray, NDArray]:
@@ -95,7 +99,7 @@ class Lines:
         """The strongest first; without those that a stronger one's window explains, or it and ``noise`` [sqrt(W)]."""
         order = lines[np.argsort(-self.level_db[lines], kind="stable")]
         kept = np.zeros(len(self.u), dtype=bool)
-        for index, beside in self._neighbours(order, near):
+        for index, beside in self._neighbours(order, near + DISPLACED * self.u_std[order]):
             others = beside[kept[beside] & (self.group[beside] != self.group[index])]
             bins, cells = self._apart(index, others, chirps)
             window = hann_envelope_db(np.maximum(bins - 0.5, 0.0)) + hann_envelope_db(np.maximum(cells - 0.5, 0.0))
@@ -141,8 +145,10 @@ class Lines:
             kept[weak] = np.fmax(*sides) > SIDEBAND_FACTOR * sidebands
         return lines[kept]
 
-    def _neighbours(self, order: NDArray[np.intp], near: float) -> Iterator[tuple[int, NDArray[np.intp]]]:
-        """(line, those of ``order`` at its angle), one after the other."""
+    def _neighbours(
+        self, order: NDArray[np.intp], near: float | NDArray[np.float64]
+    ) -> Iterator[tuple[int, NDArray[np.intp]]]:
+        """(line, those of ``order`` so near its angle), one after the other."""
         by_angle = order[np.argsort(self.u[order], kind="stable")]
         first = np.searchsorted(self.u[by_angle], self.u[order] - near, side="left")
         last = np.searchsorted(self.u[by_angle], self.u[order] + near, side="right")
