@@ -1,18 +1,94 @@
-"""What a line must pass: the parts of the count of lines in noise, each against drawn noise."""
+"""What a line must pass: the count of lines in noise, its parts against drawn noise; and lines that just pass."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from paper_arrays import ARRAYS
-from scipy.special import gammaincc
+from numpy.typing import NDArray
+from paper_arrays import ARRAYS, half_wavelength_line
+from scipy.ndimage import maximum_filter
+from scipy.special import gammaincc, gammainccinv
+from scipy.stats import ncx2
 
 from shared.radar import Radar
 from trainer.data.cfar import CELL_FALSE_ALARM, cfar_thresholds
-from trainer.estimators.array import uniform_axis
+from trainer.data.measurements import Cells
+from trainer.estimators.array import LineArray, uniform_axis
+from trainer.estimators.fitting import (
+    GroupTest,
+    RangePlace,
+    alternating,
+    fit_groups,
+    hann_response,
+    whitening,
+)
 from trainer.run import false_alarms
+from trainer.run.detections import Sought, find_detections
 
 RADAR = Radar()
+BINS = np.array([-1, 0, 1])
+
+
+def radar_of(chirps: int) -> Radar:
+    return RADAR.model_copy(update={"waveform": RADAR.waveform.model_copy(update={"chirps": chirps})})
+
+
+def maxima(level: float, array: LineArray, span: float, along: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """How many a field of noise has above a level, over a span of u and, by its slopes ``along`` it, a bin of range."""
+    u = 2.0 * np.pi / array.wavelength_m * np.std(array.positions_m) * span * np.exp(-level)
+    return u * (np.array([np.sqrt(level / np.pi)]) if along is None else along * (2.0 * level - 1.0) / (2.0 * np.pi))
+
+
+def middles(low: float, high: float, count: int) -> tuple[NDArray[np.float64], float]:
+    """(Of so many equal parts, how wide they are)."""
+    edges = np.linspace(low, high, 2 * count + 1)
+    return edges[1::2], (high - low) / count
+
+
+def test_maxima_over_angle_and_range_are_those_of_drawn_noise() -> None:
+    array, level, groups = half_wavelength_line(8), 6.0, 3000
+    x = np.random.default_rng(5).standard_normal((groups, 3, 8, 2)) @ np.array([1.0, 1.0j]) / np.sqrt(2.0)
+    r, step = middles(-1.6, 1.6, 32)
+    response = whitening(BINS) @ hann_response(BINS[:, None] - r)
+    seen = np.tensordot(x, response / np.linalg.norm(response, axis=0), (1, 0)).swapaxes(1, 2)
+    z = np.abs(seen @ array.manifold(uniform_axis(array, 12)).conj()) ** 2 / array.channels
+    top = (z > level) & (z == maximum_filter(z, (1, 3, 3), mode="wrap"))
+    said = maxima(level, array, 2.0 * array.half_period, false_alarms._group(r[1:-1])[0]).sum() * step
+    # A standard error of 3 %; a grid shows a few hundredths less.
+    assert top[:, 1:-1].sum() / groups == pytest.approx(said, rel=0.12)
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+@pytest.mark.parametrize(("chirps", "every_cell"), [(128, False), (128, True), (1, False)])
+def test_the_level_is_where_the_equation_summed_in_small_steps_has_as_many_lines(
+    name: str, chirps: int, every_cell: bool
+) -> None:
+    radar, array, asked, others = radar_of(chirps), ARRAYS[name], 3.0, chirps - 1
+    level = false_alarms.first_line_threshold(asked, radar, array, every_cell)
+    channels, (p, share) = radar.array.channels, middles(0.0, 1.0, 400)
+    tau, likely = np.zeros(1), np.ones(1)
+    if every_cell:
+        tau, likely = cfar_thresholds((radar.waveform.range_bins, chirps), channels)
+    elif others:
+        tau, likely = gammainccinv(channels, -np.expm1(np.log(p) / others)), np.full(len(p), share)
+    r, width = middles(-1.5, 1.5, 60) if every_cell else middles(-0.5, 0.5, 20)
+    along, own = false_alarms._group(r)
+    span = radar.grid.bins * radar.grid.step
+    density = maxima(level, array, span, along) * width
+    if others and not every_cell:
+        own, density = np.ones(1), maxima(level, array, span, None)
+    beyond, step = middles(0.0, 20.0, 200)
+
+    def chosen(lower: float) -> NDArray[np.float64]:
+        rest = np.maximum(tau - lower - own[:, None, None] * (level + beyond)[:, None], 0.0)
+        return np.asarray(density @ (gammaincc(channels - own[:, None, None] - 0.5, rest) @ likely))
+
+    variance = 1.0 / (1.0 - np.log(chosen(0.01) / chosen(0.0)) / 0.01)
+    rho = false_alarms._lobes(array)[:, None]
+    part = (1.0 - rho**2) * variance
+    kappa = np.prod(ncx2.cdf(2.0 * (level + beyond) / part, 2, 2.0 * rho**2 * (level + beyond) / part), axis=0)
+    lines = radar.waveform.range_bins * chirps * np.sum(chosen(0.0) * kappa * np.exp(-beyond)) * step
+    assert lines == pytest.approx(asked, rel=3e-3)
 
 
 @pytest.mark.parametrize("name", ARRAYS)
@@ -44,11 +120,7 @@ def test_thresholds_of_cells_are_those_of_drawn_noise() -> None:
 def test_a_group_of_three_bins_has_the_slopes_of_its_response() -> None:
     """lambda is 1 - |correlation|^2 of two responses near each other, over their distance squared."""
     offsets, step = np.array([0.0, 0.4, -1.3]), 1e-3
-    bins = np.array([-1, 0, 1])[:, None]
-    near, far = (
-        false_alarms.whitening(bins[:, 0]) @ false_alarms.hann_response(bins - offsets - sign * step)
-        for sign in (-0.5, 0.5)
-    )
+    near, far = (whitening(BINS) @ hann_response(BINS[:, None] - offsets - sign * step) for sign in (-0.5, 0.5))
     correlation = np.sum(near * far, axis=0) / np.linalg.norm(near, axis=0) / np.linalg.norm(far, axis=0)
     slope, own = false_alarms._group(offsets)
     np.testing.assert_allclose(slope, np.sqrt(1.0 - correlation**2) / step, rtol=1e-3)
@@ -64,5 +136,40 @@ def test_fewer_lines_need_more_and_any_radar_will_do() -> None:
         ]
         assert (np.diff(levels) < 0.0).all()
         assert levels[-1] == false_alarms.LEAST
-    one_chirp = RADAR.model_copy(update={"waveform": RADAR.waveform.model_copy(update={"chirps": 1})})
-    assert 10.0 < false_alarms.first_line_threshold(1.0, one_chirp, ARRAYS["full"], False) < 20.0
+    assert 10.0 < false_alarms.first_line_threshold(1.0, radar_of(1), ARRAYS["full"], False) < 20.0
+
+
+def test_noise_of_near_bins_is_removed_though_wave_fronts_are_curved_there() -> None:
+    """400 draws of eleven bins, each in its own Doppler cell: 73 lines where each bin is straightened by itself."""
+    draws, bins, array, radar = 400, 11, ARRAYS["full"], radar_of(512)
+    white = np.random.default_rng(6).standard_normal((draws, bins + 2, array.channels, 2)) @ [0.5**0.5, 1j * 0.5**0.5]
+    windowed = (white[:, 1:-1] - 0.5 * (white[:, :-2] + white[:, 2:])) / 1.5**0.5
+    velocity = np.tile(radar.waveform.velocity_step_mps * np.arange(draws)[:, None], bins)
+    image = np.ones((draws, bins, radar.grid.bins), np.float32)
+    found = find_detections(image, None, Cells(windowed, velocity), radar, array, Sought(1.0))
+    assert len(found) <= 3
+
+
+@pytest.mark.parametrize("lobe", [0, 1], ids=["main lobe", "lesser lobe"])
+@pytest.mark.parametrize("offset", [0.0, 0.5])
+def test_a_lone_line_is_heard_from_its_threshold_on_between_bins_and_from_a_lesser_lobe(
+    offset: float, lobe: int
+) -> None:
+    array, first = ARRAYS["sparse4"], 15.0
+    axis, grid = uniform_axis(array, 64), uniform_axis(array, 4)
+    pattern = np.abs(array.manifold(axis).mean(axis=0))
+    lobes = np.flatnonzero((pattern > np.roll(pattern, 1)) & (pattern >= np.roll(pattern, -1)))
+    u = 0.5 * (grid[20] + grid[21])
+    given = np.array([[u + axis[lobes[np.argsort(-pattern[lobes])[lobe]]]]])
+    place = RangePlace(np.array([1e3]), RADAR.waveform.range_step_m)
+    signs = alternating(BINS)[:, None]
+    cells = signs * hann_response(BINS[:, None] - offset + place.walk(array) * u) * array.manifold(u)
+    cells *= np.sqrt(first) / np.linalg.norm(whitening(BINS) @ (signs * cells))
+    for share, heard in ((0.98, 0), (1.02, 1)):
+        found = fit_groups(
+            np.sqrt(share) * cells[None], BINS, array, place, given, GroupTest(1.0, -np.inf, first, first)
+        )
+        (lines,) = np.flatnonzero(found.amplitude[0])[None]
+        assert len(lines) == heard
+        np.testing.assert_allclose(found.u[0, lines], u, atol=1e-4)
+        np.testing.assert_allclose(found.offset[0, lines], offset, atol=1e-4)
