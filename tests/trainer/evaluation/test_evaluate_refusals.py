@@ -1,4 +1,4 @@
-"""What ``trainer evaluate`` refuses of folders, what it leaves out, and names that are no plain text.
+"""What ``trainer evaluate`` leaves out, and names that are no plain text.
 
 Its other refusals stand in ``tests/trainer/cli/test_refusals.py``.
 """
@@ -13,23 +13,6 @@ from tiny_radar import frame, write_dataset
 
 from shared.physics.errors import InputError
 from trainer.evaluation.evaluate import EXPERIMENTS, NAMES, choose_experiments, open_bench
-
-
-def test_data_without_a_test_split_and_folders_in_use_are_refused(inputs, tmp_path, capsys, monkeypatch):
-    data = write_dataset(tmp_path / "data", {"train": [frame(0, RADAR)]}, RADAR)
-    code, line = status(capsys, monkeypatch, data, "--out", tmp_path / "out", "--arrays", "full")
-    assert (code, line) == (2, f"trainer: {data}: no frames in split 'test'; expected one of ['train']\n")
-    code, line = status(capsys, monkeypatch, tmp_path, "--out", tmp_path / "out")
-    assert code == 2
-    assert line.startswith(f"trainer: {tmp_path}/manifest.json: no such file")
-    used = tmp_path / "used"
-    used.mkdir()
-    (used / "thesis.txt").write_text("mine")
-    for more, problem in (([], "is not empty"), (["--resume"], "holds no cells/")):
-        code, line = status(capsys, monkeypatch, inputs[0], "--out", used, "--arrays", "full", *more)
-        assert code == 2
-        assert line.startswith(f"trainer: --out: {used} {problem}")
-    assert [path.name for path in used.iterdir()] == ["thesis.txt"]
 
 
 def test_a_radar_that_does_not_see_so_far_leaves_experiments_out_and_says_so(tmp_path):
