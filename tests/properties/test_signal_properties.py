@@ -22,8 +22,6 @@ from shared.radar import Radar
 from shared.radar.arrays import AntennaArray, line
 from shared.radar.waveform import Waveform
 from shared.signal.imaging import delay_and_sum
-from shared.signal.spectrum import range_doppler
-from shared.signal.windows import hann
 
 TOLERANCE = 1e-6
 EXAMPLES = 20
@@ -90,36 +88,6 @@ def test_the_cube_is_the_sum_over_its_paths(radar: Radar, paths: ScatteredPaths)
     """Whatever holds of that sum holds of the cube to twice the tolerance: reversed and mirrored paths, a later start,
     parts, another order, a common phase."""
     assert same(cube_of(paths, radar), if_cube(PathTable(paths), radar), paths)
-
-
-@settings(max_examples=EXAMPLES)
-@given(radars(), st.floats(0.5, 60.0), st.integers(-5, 20))
-def test_a_shift_by_whole_range_bins(radar: Radar, range_m: float, bins: int) -> None:
-    """One TX and RX at the origin: a target so many bins further is in the spectrum so many bins on, round the end."""
-    waveform = radar.waveform.model_copy(update={"residual_video_phase": False})
-    here = ((0.0, 0.0, 0.0),)
-    radar = Radar(waveform=waveform, array=AntennaArray(tx_m=here, rx_m=here))
-    further = range_m + bins * waveform.range_step_m
-    if further < 0.1:
-        return
-    spectra = [
-        range_doppler(cube_of(ScatteredPaths.of_points(np.array([[r, 0, 0]]), np.zeros((1, 3)), [1.0]), radar), radar)
-        for r in (range_m, further)
-    ]
-    np.testing.assert_allclose(np.abs(np.roll(spectra[0], bins, axis=0)), np.abs(spectra[1]), rtol=0, atol=5e-6)
-
-
-@settings(max_examples=EXAMPLES)
-@given(radars(), echoes(most=1))
-def test_energy(radar: Radar, paths: ScatteredPaths) -> None:
-    """Every sample of a single echo has its amplitude's magnitude; the spectra hold the windowed samples' energy."""
-    cube = cube_of(paths, radar)
-    np.testing.assert_allclose(np.abs(cube), np.abs(paths.amplitude[0]), rtol=3e-6)
-    samples, chirps = radar.waveform.samples, radar.waveform.chirps
-    fast, slow = hann(samples), hann(chirps)
-    weighted = cube * (fast / fast.sum())[:, None] * (slow / slow.sum())[:, None, None]
-    energy = samples * chirps * float((np.abs(weighted) ** 2).sum())
-    assert np.isclose(float((np.abs(range_doppler(cube, radar)) ** 2).sum()), energy, rtol=1e-5)
 
 
 RADAR = small_radar(samples=48, chirps=4)
