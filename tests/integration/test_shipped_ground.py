@@ -94,15 +94,6 @@ def test_no_place_that_was_trained_on_lies_in_a_test_region(scene: str) -> None:
             assert apart(ground, other), name
 
 
-def test_ground_of_other_traffic_may_be_cut_elsewhere() -> None:
-    """Which is why it is looked at: bare, the canyon's region of training reaches into the example's test region."""
-    bare, example = (
-        sensor_ground(load_scene(SCENES[1], populate=text)) for text in (None, variable("POPULATE").split()[1])
-    )
-    assert not apart(bare, example)
-    assert apart(example, example)
-
-
 @pytest.mark.parametrize("scene", SCENES[:2])
 def test_a_populated_scene_has_the_same_bits_on_processors_with_and_without_avx_512(scene: str) -> None:
     """On one without, both are its own."""

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import command_line
 from tiny_radar import RADAR as SHORT_RADAR
-from tiny_radar import frame, tiny, write_dataset
-from tiny_run import run_of
+from tiny_radar import frame, run_of, tiny, write_dataset
 
 from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.evaluate import evaluate

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from numpy_bytes import npz, of_array
 from raw_files import CHIRPS
 from small_dataset import make_traced
-from tiny_radar import RADAR, frame, small_dataset, tiny, write_dataset
-from tiny_run import make_run, run_of
+from tiny_radar import RADAR, frame, make_run, run_of, small_dataset, tiny, write_dataset
 
 from trainer.run.pretrained import pretrained_run
 
@@ -165,6 +164,10 @@ EVALUATE = [
     ("{data} --arrays full --measured {here}/pair.npy --experiments detection",
      "--measured: {here}/pair.npy without the experiment"),
     ("{data} --arrays full --out {here}/file", "--out: {here}/file: File exists"),
+    ("{data} --arrays full --out {here}", "--out: {here} is not empty"),
+    ("{data} --arrays full --out {here} --resume", "--out: {here} holds no cells/"),
+    ("{untested} --arrays full", "{untested}: no frames in split 'test'; expected one of ['train', 'validation']"),
+    ("{here} --arrays full", "{here}/manifest.json: no such file"),
     ("", "arguments: neither a dataset nor --measured; expected one of both, or both"),
     ("--measured {here}/pair.npy --range 3", "--range: 3 m of a snapshot; expected no --range"),
     ("--measured {here}/pair.npy --targets 0", "--targets: 0; expected 1 or more"),
