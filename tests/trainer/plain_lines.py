@@ -51,24 +51,46 @@ class PlainFit:
             self._begin()
             self._prune()
             self._take(self.u if len(self.u) else lone, int(groups.STEPS))
-            for _ in range(groups.ROUNDS):
-                grown = self._grow()
-                before = self.u
-                if grown:
-                    self._prune()
-                if 0 < len(self.u) <= 2:
-                    self._replace(self._added(np.empty(0), ELSEWHERE))
-                if len(self.u) >= 2:
-                    self._pairs()
-                if len(self.u) > 2 and CROWDED * len(self.u) >= self.array.channels:
-                    self._merge()
-                if self.u is before:
-                    break
+            self._improve()
+            self._begin_elsewhere()
             self._take(self.u, int(groups.STEPS))
         return np.sort(self.u)
 
+    def _improve(self) -> None:
+        for _ in range(groups.ROUNDS):
+            grown = self._grow()
+            before = self.u
+            if grown:
+                self._prune()
+            if 0 < len(self.u) <= 2:
+                self._replace(self._added(np.empty(0), ELSEWHERE))
+            if len(self.u) >= 2:
+                self._pairs()
+            if len(self.u) > 2 and CROWDED * len(self.u) >= self.array.channels:
+                self._merge()
+            if self.u is before:
+                break
+
+    def _begin_elsewhere(self) -> None:
+        for start in self._added(np.empty(0), groups.STARTS):
+            if not self._fails(0.0 if 2 * len(self.u) > self.most else self.price):
+                break
+            ended = self.u
+            self._take(start, int(PRUNING_STEPS))
+            while len(self.u) < self.most:
+                self._take(self._added(self.u)[0], int(PRUNING_STEPS))
+            self._prune()
+            self._improve()
+            self.u = min(ended, self.u, key=lambda u: self.left(u) + len(u) * self.price)
+
     def left(self, u: Lines) -> float:
         return float(bounded_energy_left(self.x, u[None], self.array)[0])
+
+    def _fails(self, spare: float = 0.0) -> bool:
+        """Whether more is left than noise leaves and ``spare``."""
+        freedom = 2 * self.array.channels - 3 * len(self.u)
+        allowed = 0.5 * chi2.ppf(1.0 - RESIDUAL_TAIL, freedom) * self.noise + spare
+        return freedom > 0 and self.left(self.u) > allowed
 
     def _refined(self, u: Lines, steps: int) -> tuple[Lines, float]:
         if not len(u):
@@ -102,9 +124,9 @@ class PlainFit:
         grown = False
         distances = [cells * self.array.resolution_cell for cells in groups.SPLIT_CELLS]
         while 0 < len(self.u) < self.most:
-            freedom, left = 2 * self.array.channels - 3 * len(self.u), self.left(self.u)
-            if freedom <= 0 or left <= 0.5 * chi2.ppf(1.0 - RESIDUAL_TAIL, freedom) * self.noise:
+            if not self._fails():
                 break
+            left = self.left(self.u)
             begun = [*self._added(self.u), *splits(self.u, distances)]
             raced = sorted(
                 (self._refined(trial, int(groups.RACE_STEPS)) for trial in begun), key=lambda trial: trial[1]

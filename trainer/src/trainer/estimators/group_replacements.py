@@ -9,7 +9,7 @@ import numpy as np
 
 from trainer.estimators.group_model import least_squares
 from trainer.estimators.group_products import ONE, ZERO, evaluate
-from trainer.estimators.group_steps import PRUNING_STEPS, best_start, copy, put, refine, scan, smallest_first
+from trainer.estimators.group_steps import PRUNING_STEPS, copy, highest_peaks, put, refine, scan, smallest_first
 from trainer.estimators.small_matrices import part
 
 ELSEWHERE = 3
@@ -34,17 +34,11 @@ def _try_lone(model, group, place, lines, left, work):
     """The angles that explain most in place of all: a peak that the fit began with may be a sidelobe's."""
     offset, fewer = place[0, 1], lines - 1
     scan(model, group, ZERO, offset, work)
-    angles = len(model.axis)
-    trial, height = np.empty((1, 2)), np.empty(angles)
-    peaks = np.empty(ELSEWHERE, dtype=np.int64)
-    for index in range(angles):
-        before, after = work.score[(index - 1) % angles], work.score[(index + 1) % angles]
-        height[index] = -work.score[index] if work.score[index] >= before and work.score[index] > after else 0.0
-    count = smallest_first(height, angles, peaks)
-    for ranked in range(count):
+    trial, peaks = np.empty((1, 2)), np.empty(ELSEWHERE, dtype=np.int64)
+    for ranked in range(highest_peaks(work.score, peaks)):
         index = peaks[ranked]
         allowed = left + fewer * model.further * group.noise
-        if group.energy + height[index] * (1.0 + OFF_GRID) >= allowed:
+        if group.energy - work.score[index] * (1.0 + OFF_GRID) >= allowed:
             break
         put(trial, ZERO, model.axis[index], offset)
         energy = refine(model, group, trial, ONE, PRUNING_STEPS, work)
@@ -151,7 +145,11 @@ def _merge(model, group, place, lines, left, work):
                     count += 1
             evaluate(model, group, trial, kept, work, ZERO)
             explained = least_squares(work, ZERO, 1 + group.coordinates, kept)
-            angle, offset, most = best_start(model, group, trial, kept, work)
+            # One scan, half-way between the two: one for each bin costs more and ends no better.
+            offset = 0.5 * (place[first, 1] + place[second, 1])
+            scan(model, group, kept, offset, work)
+            at = np.argmax(work.score)
+            angle, most = model.axis[at], work.score[at]
             if group.energy - explained - most - OFF_GRID * (explained + most) < least:
                 put(trial, kept, angle, offset)
                 energy = refine(model, group, trial, lines - 1, PRUNING_STEPS, work)

@@ -196,6 +196,17 @@ def scan(model, group, lines, range_offset, work):
 
 
 @part
+def highest_peaks(score, order):
+    """Fill ``order`` with the highest maxima of the score [A] over angles, which come round; how many."""
+    angles = len(score)
+    height = np.zeros(angles)
+    for index in range(angles):
+        if score[index] >= score[(index - 1) % angles] and score[index] > score[(index + 1) % angles]:
+            height[index] = -score[index]
+    return smallest_first(height, angles, order)
+
+
+@part
 def best_start(model, group, place, lines, work):
     """(angle, range offset, energy) of the best further line; ``work`` holds a scan."""
     if lines:
