@@ -45,7 +45,7 @@ settings.load_profile("repeatable")
 
 LONG = (
     "benchmarks/test_bench.py",
-    "datafactory/accuracy/test_choice.py::test_a_budget_on_two_scenes",
+    "datafactory/accuracy/test_looking.py::test_a_budget_on_two_scenes",
     "datafactory/paths/test_trace_on_device.py",
     "datafactory/synthesis/test_kept_machine_code.py",
     "examples/",
@@ -58,12 +58,12 @@ LONG = (
     "integration/test_stored_paths.py::test_rendered",
     "integration/test_flipped_bits.py",
     "integration/test_flipped_files.py",
-    "integration/test_stored_paths.py::test_a_frame",
-    "integration/test_stored_paths.py::test_frames_that_look",
+    "integration/test_frames_decide.py::test_a_frame",
+    "integration/test_frames_decide.py::test_frames_that_look",
     "integration/test_ray.py",
     "integration/test_remote_runs.py",
     "integration/test_stored_paths.py::test_traced_now_and_rendered_later_is_rendered_at_once[5",
-    "shared/dataset/test_writing.py::test_a_store_that_is_not_there_is_one_line[s3://b/set?endpoint_override=127",
+    "shared/dataset/test_locations.py::test_a_store_that_is_not_there_is_one_line[s3://b/set?endpoint_override=127",
     "shared/physics/test_compiled.py::test_a_read_only",
 )
 """How the names begin of tests that are all marked slow: what they hold takes long, and seldom breaks."""

@@ -7,7 +7,8 @@ from curved_bodies import Mesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import fresnel
-from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, mesh, scene_of, slab_reflection
+from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, mesh, scene_of
+from slab_coefficients import slab_reflection
 
 from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from sionna_scenes import MATERIALS
 
+from datafactory.paths.merged_scene import MergedScene, merge_scene
 from datafactory.scenes.chain import Chain, Operation, Samples, placed
 from datafactory.scenes.motion import Moving
-from datafactory.scenes.scene import SceneObject
+from datafactory.scenes.scene import Scene, SceneObject
 
 TURN_DEG_PER_S = 40.0
 
@@ -25,3 +27,7 @@ def turning(item: SceneObject, body: str = "body", yaw: float = TURN_DEG_PER_S, 
     return SceneObject(
         item.name, vertices, item.triangles, item.material, motion=Moving(body, chain), local=local
     ).as_it_moves()
+
+
+def merged_of(*objects: SceneObject) -> MergedScene:
+    return merge_scene(Scene("test", objects), MATERIALS)

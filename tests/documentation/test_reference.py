@@ -1,38 +1,26 @@
-"""Generated pages come from models, commands and docstrings, links lead somewhere, notebooks run if they changed;
-the examples of every command's help, run in their order on smaller scenes.
-"""
+"""Generated pages come from models, commands and docstrings, links lead somewhere, notebooks run if they changed."""
 
 from __future__ import annotations
 
 import os
-import shlex
 import subprocess
 import sys
 from inspect import signature
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
-from manual import DOCS, PAGES, ROOT, anchors, links, name_of, run_program
+from manual import DOCS, PAGES, ROOT, anchors, links, name_of
 from notebooks import page_of, run
 from pages import GUIDES, IDEAS, NOTEBOOKS, START, depth, navigation, without_links_out
-from raw_files import write_two_lanes
 from reference import commands_page, fit_page, materials_page, names_page, radar_page
-from small_radar import write_small_radar
 from typer.main import get_command
-from typer.testing import CliRunner
 
 from datafactory import convert, merge, plan, render, trace
-from datafactory.cli.app import EXAMPLES as OF_DATAFACTORY
 from datafactory.cli.app import app as datafactory
 from datafactory.scenes.materials.table import MaterialEntry, load_materials
-from shared.radar import load_radar
 from shared.radar.front_end import FrontEnd
 from shared.radar.radar import Radar
 from shared.radar.waveform import Waveform
-from shared.signal.signal import if_signal
-from trainer.cli.app import EXAMPLES as OF_TRAINER
 from trainer.cli.app import app as trainer
 from trainer.run.configuration import FitConfig
 
@@ -206,79 +194,3 @@ def test_a_script_that_fails_leaves_no_page(script: Path, tmp_path: Path, capfd:
     line = SCRIPT.count("\n") + 1
     assert f'small.py", line {line}' in capfd.readouterr().err
     assert "which was not run" in page_of(script, tmp_path / "kept")[0]
-
-
-APPS = {"datafactory": datafactory, "trainer": trainer}
-GROUPS: dict[str, Any] = {program: get_command(app) for program, app in APPS.items()}
-NAMES = [("datafactory", name) for name in OF_DATAFACTORY] + [("trainer", name) for name in OF_TRAINER]
-EVERY = [*sum(OF_DATAFACTORY.values(), ()), *sum(OF_TRAINER.values(), ())]
-
-SMALLER = {
-    "--radar": "small.toml", "--rays": "2000", "--effects": "diffuse", "--workers": "1", "--split": "1:1:1",
-    "--steps": "2", "--rows": "16", "--points": "0", "--batch": "1", "--validate-every": "2", "--width": "4",
-    "--hidden": "8", "--blocks": "1", "--quick": "", "--trials": "2", "--shown": "1", "--experiments": "street",
-}  # fmt: skip
-"""Given besides, or instead, where a command has the option."""
-FEWER = {"shipped:street": "shipped:tiny", "sionna:munich": "sionna:simple_street_canyon_with_cars"}
-"""In place of a scene."""
-CORNERS = {"corner.bin": (5.02, 0.0), "other.bin": (4.1, 15.0), "adc_data.bin": (3.0, -20.0)}
-"""Captures that the examples name: metres and degrees of the reflector in each."""
-
-
-def test_every_command_has_two_examples() -> None:
-    for program, examples in (("datafactory", OF_DATAFACTORY), ("trainer", OF_TRAINER)):
-        assert examples.keys() == GROUPS[program].commands.keys()
-        assert all(len(pair) == 2 for pair in examples.values())
-
-
-@pytest.mark.parametrize(("program", "name"), NAMES, ids=" ".join)
-def test_help_ends_with_examples_that_are_understood(program: str, name: str) -> None:
-    pair = (OF_DATAFACTORY if program == "datafactory" else OF_TRAINER)[name]
-    shown = CliRunner().invoke(APPS[program], [name, "--help"], env={"COLUMNS": "200"})
-    lines = [line.strip() for line in shown.stdout.splitlines() if line.strip()]
-    assert lines[-3:] == ["Examples:", *pair]
-    for text in pair:
-        own, command, *arguments = shlex.split(text)
-        assert own == program
-        GROUPS[program].commands[command].make_context(command, arguments)
-
-
-@pytest.mark.slow
-def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, variant: str) -> None:
-    """In the order of the lists, each on what those before it wrote; captures, and the jobs that ``merge`` joins, are
-    made here."""
-    monkeypatch.chdir(tmp_path)
-    write_small_radar(tmp_path)
-    Path("build").mkdir()
-    for job in (0, 1):
-        _run(monkeypatch, f"datafactory points --frames 4 --out build/jobs --shard {job}/2")
-    radar = load_radar("iwr1843")
-    for name, (range_m, angle_deg) in CORNERS.items():
-        place = range_m * np.exp(1j * np.deg2rad(angle_deg))
-        cube = if_signal(radar, np.array([[place.real, place.imag, 0.0]]), np.zeros((1, 3)), np.ones(1))
-        write_two_lanes(tmp_path / name, np.asarray(cube)[None], radar)
-    for text in EVERY:
-        _run(monkeypatch, text)
-    for made in (
-        "mine/manifest.json", "whole/manifest.json", "street.html", "run.onnx", "images", "images-of-run",
-        "report/report.html", "accuracy/accuracy.png",
-    ):  # fmt: skip
-        assert (tmp_path / "build" / made).exists(), made
-
-
-def _run(patch: pytest.MonkeyPatch, text: str) -> None:
-    """In this process, smaller; the exit status is 0."""
-    program, name, *arguments = shlex.split(text)
-    arguments = [FEWER.get(word, word) for word in arguments]
-    options = {option for parameter in GROUPS[program].commands[name].params for option in parameter.opts}
-    smaller = {option: value for option, value in SMALLER.items() if option in options}
-    if name in ("render", "trace"):
-        smaller |= {"--frames": "3"}
-    if name != "fit":  # elsewhere it is a flag, or adds frames
-        smaller.pop("--points", None)
-    if name == "render" or program == "trainer":  # the shipped networks' radar, and that of datasets and captures
-        smaller.pop("--radar", None)
-    if program == "trainer":  # a dataset has its splits
-        smaller.pop("--split", None)
-    words = (word for pair in smaller.items() for word in pair if word)
-    run_program(patch, program, [name, *arguments, *words])

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import command_line
 from tiny_radar import RADAR as SHORT_RADAR
-from tiny_radar import frame, run_of, tiny, write_dataset
+from tiny_radar import frame, tiny, write_dataset
+from tiny_run import run_of
 
 from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.evaluate import evaluate

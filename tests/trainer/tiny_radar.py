@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-import torch
 from small_dataset import write_manifest
 
 from shared.dataset import Frame, arrow_schema, description, to_record_batch
@@ -16,10 +15,7 @@ from shared.radar.arrays import AntennaArray, line
 from shared.radar.waveform import Waveform
 from shared.signal.features import steering_weights
 from shared.signal.imaging import steering_matrix
-from trainer.data.arrays import ArrayChoice
 from trainer.run.configuration import FitConfig
-from trainer.run.folder import Fingerprint, Run, save_weights, write_run
-from trainer.run.imager import Imager
 
 RADAR = Radar(
     name="tiny",
@@ -84,23 +80,3 @@ def small_dataset(directory: Path, training: int = 8, validation: int = 2) -> Pa
             "test": [frame(200)],
         },
     )
-
-
-MINE = ArrayChoice(name="mine", rx=(0, 1, 2, 5))
-
-
-def make_run(directory: Path, **changes: object) -> Path:
-    """A run with random weights: what is tested here does not depend on what they learned."""
-    return run_of(directory, RADAR, tiny(**changes))
-
-
-def run_of(
-    directory: Path, radar: Radar, config: FitConfig, array: ArrayChoice = MINE, datasets: tuple[Fingerprint, ...] = ()
-) -> Path:
-    """The same of any radar of six RX."""
-    torch.manual_seed(0)
-    imager = Imager(config, radar, array)
-    directory.mkdir()
-    write_run(directory, Run(config=config, radar=radar, array=array, datasets=datasets))
-    save_weights(directory, imager)
-    return directory

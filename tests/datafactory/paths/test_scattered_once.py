@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from rough_plates import CORNER, HERE, ROUGHNESS, decibels_of, merged_of
-from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, plate, slab_transmission, slabs, view_of
+from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, plate, slabs, view_of
+from slab_coefficients import slab_transmission
 
 from datafactory.paths import solver as solver_module
 from datafactory.paths.arrivals import Arrivals, Echoes

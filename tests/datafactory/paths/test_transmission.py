@@ -5,18 +5,8 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
-from sionna_scenes import (
-    FREQUENCY_HZ,
-    WAVELENGTH_M,
-    box,
-    channel,
-    plate,
-    scene_of,
-    sionna_scene,
-    slab_reflection,
-    slab_transmission,
-    view_of,
-)
+from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, box, channel, plate, scene_of, sionna_scene, view_of
+from slab_coefficients import slab_reflection, slab_transmission
 
 from datafactory.paths.geometry import clear_between
 from datafactory.paths.panes import panes_between, polarization_axis

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from numpy_bytes import npz, of_array
 from raw_files import CHIRPS
 from small_dataset import make_traced
-from tiny_radar import RADAR, frame, make_run, run_of, small_dataset, tiny, write_dataset
+from tiny_radar import RADAR, frame, small_dataset, tiny, write_dataset
+from tiny_run import make_run, run_of
 
 from trainer.run.pretrained import pretrained_run
 

@@ -13,7 +13,8 @@ import torch
 from command_line import status
 from oracles import reference_file
 from raw_files import radar_of, scene, write_two_lanes
-from tiny_radar import make_run, small_dataset
+from tiny_radar import small_dataset
+from tiny_run import make_run
 from typer.testing import CliRunner
 
 from shared.signal.imaging import steering_matrix

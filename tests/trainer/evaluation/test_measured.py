@@ -11,7 +11,8 @@ from captured_cubes import other_radar, write_capture
 from numpy.typing import NDArray
 from oracles import reference_file
 from small_evaluation import evaluated, status
-from tiny_radar import RADAR, make_run
+from tiny_radar import RADAR
+from tiny_run import make_run
 
 from shared.physics.errors import InputError
 from shared.radar.arrays import AntennaArray, line

@@ -101,6 +101,16 @@ def known_rows(array: LineArray) -> tuple[NDArray[np.complex128], list[list[int]
     return echoes(array, u, strengths) + noise(array, 4, 1e-3, generator), places
 
 
+@pytest.mark.parametrize("array", ["full", "sparse6", "sparse4"])
+def test_the_true_image_explains_the_data(array: str) -> None:
+    line = ARRAYS[array]
+    rows, places = known_rows(line)
+    result = explain(lines_image(places), U, rows, line, 1e-3)
+    assert (result.rows, result.explained_rows, result.lines, result.unsupported) == (4, 4, 7, 0)
+    assert result.left < 2e-3 * result.energy
+    assert result.left == pytest.approx(1e-3 * (4 * line.channels - 7), rel=0.5)
+
+
 def test_an_empty_image_explains_nothing() -> None:
     line = ARRAYS["sparse6"]
     rows, places = known_rows(line)

@@ -7,7 +7,8 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 from captured_cubes import OTHER, PLACES, other_radar, write_capture
-from tiny_radar import RADAR, frame, make_run
+from tiny_radar import RADAR, frame
+from tiny_run import make_run
 
 from shared.physics.errors import InputError
 from shared.radar import load_radar

@@ -11,7 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 from numpy.typing import NDArray
 from paper_arrays import ARRAYS, RADAR, U
-from tiny_radar import make_run, small_dataset
+from tiny_radar import small_dataset
+from tiny_run import make_run
 from typer.testing import CliRunner
 
 from shared.physics.errors import InputError

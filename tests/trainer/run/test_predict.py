@@ -17,7 +17,8 @@ import torch
 from PIL import Image, ImageSequence
 from small_evaluation import evaluated, strong_dataset
 from small_fit import run as small_fit
-from tiny_radar import NOISE_POWER, RADAR, TINY, frame, make_run, run_of, small_dataset, tiny, write_dataset
+from tiny_radar import NOISE_POWER, RADAR, TINY, frame, small_dataset, tiny, write_dataset
+from tiny_run import make_run, run_of
 from typer.testing import CliRunner
 
 from shared.physics.errors import InputError

@@ -15,7 +15,8 @@ import torch
 from pyarrow.fs import LocalFileSystem, SubTreeFileSystem
 from safetensors.torch import load_file
 from small_fit import last_state, metrics, run
-from tiny_radar import RADAR, TINY, frame, run_of, tiny, write_dataset
+from tiny_radar import RADAR, TINY, frame, tiny, write_dataset
+from tiny_run import run_of
 
 from shared.dataset.locations import RemotePath
 from shared.physics.errors import InputError
@@ -349,6 +350,12 @@ def test_a_run_killed_while_it_noted_itself_goes_on(dataset, tmp_path):
     assert read_run(out) == result
     assert (out / WEIGHTS).is_file()
     assert not list(out.glob("*.partial"))
+
+
+def test_what_a_resumed_run_must_not_change(dataset, ordinary, tmp_path):
+    shutil.copytree(ordinary, tmp_path / "run")
+    with pytest.raises(InputError, match=r"--resume: learning_rate is 0.5, but the run in .* had 0.003"):
+        run(dataset, tmp_path / "run", TINY.model_copy(update={"learning_rate": 0.5}), resume=True)
 
 
 def test_an_infinite_input_stops_with_its_frame_and_keeps_the_weights(dataset, tmp_path, monkeypatch):

@@ -57,7 +57,7 @@ EXAMPLES = {
     ),
     "doctor": ("datafactory doctor", "datafactory doctor --json"),
 }
-"""Two of every command: its help ends with them, and ``tests/documentation/test_reference.py`` runs them."""
+"""Two of every command: its help ends with them, and ``tests/documentation/test_help.py`` runs them."""
 STOPPED = "interrupted; what was finished is kept: the same command with --resume goes on"
 
 

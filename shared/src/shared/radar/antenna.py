@@ -89,7 +89,7 @@ class Tr38901Pattern(BaseModel):
 
     A = -min(A_V + A_H, 30), A_V = min(12 (el / 65 deg)^2, 30), A_H = min(12 (az / 65 deg)^2, 30), gain 8 dBi. The gain
     is 1.8 dB below the directivity of this shape, i.e. the element has losses
-    (``tests/shared/radar/test_front_end.py`` integrates it).
+    (``tests/shared/radar/test_antenna.py`` integrates it).
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -108,7 +108,7 @@ def car_radar_pattern() -> ParabolicPattern:
     """A car radar's element: two-way 3 dB widths of 110 deg in azimuth and 13 deg in elevation.
 
     In dB the two-way pattern is twice the one-way parabola, so the one-way widths are sqrt(2) larger. The gain is the
-    directivity of this shape, i.e. a lossless element (``tests/shared/radar/test_front_end.py`` integrates it).
+    directivity of this shape, i.e. a lossless element (``tests/shared/radar/test_antenna.py`` integrates it).
     """
     return ParabolicPattern(
         gain_dbi=11.1,

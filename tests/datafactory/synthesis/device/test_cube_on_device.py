@@ -74,7 +74,7 @@ def test_cube_keeps_its_tolerance(device, tolerance, nearest_m, farthest_m, spee
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
 def test_motion_within_the_chirp_is_that_of_the_exact_kernel(device, tolerance):
-    # Which test_lines.py holds to the sum over all samples, at 1e-9.
+    # Which test_motion_within_the_chirp.py holds to the sum over all samples, at 1e-9.
     radar, table = radar_of(array=SPACE), slowed(a_table(np.random.default_rng(32), 12, 3.0), 0.8)
     exact = cube_of_paths(table, radar, 1e-9, intra_chirp=True)
     assert relative_error(cube_on(device, table, radar, tolerance, intra_chirp=True), exact) <= tolerance

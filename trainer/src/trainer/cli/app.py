@@ -43,7 +43,7 @@ EXAMPLES = {
         "trainer import adc_data.bin --board iwr1843 --calibration calibration.toml --out cube.npz",
     ),
 }
-"""Two of every command: its help ends with them, and ``tests/documentation/test_reference.py`` runs them.
+"""Two of every command: its help ends with them, and ``tests/documentation/test_help.py`` runs them.
 
 ``build/mine`` is a dataset that ``datafactory render`` made; captures are the reader's own.
 """

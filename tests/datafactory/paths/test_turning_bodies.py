@@ -1,0 +1,141 @@
+"""Bodies that turn: what the paths say of their motion against traces of two moments."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sionna_scenes import FREQUENCY_HZ, MATERIALS, box, plate
+from turning_scenes import TURN_DEG_PER_S, merged_of, turning
+
+from datafactory.paths.bodies import bodies_of
+from datafactory.paths.edges import edges_of
+from datafactory.paths.merged_scene import MergedScene, merge_scene
+from datafactory.paths.rays import RayFan
+from datafactory.paths.rims import Rim, planes_of
+from datafactory.paths.solver import TraceSettings
+from datafactory.paths.table import PathTable
+from datafactory.paths.trace import trace
+from datafactory.scenes.motion import Track
+from datafactory.scenes.poses import Pose
+from datafactory.scenes.scene import Scene, SceneObject
+
+STEP_S = 1e-5
+POSE = Pose((0.0, 0.0, 0.0), velocity=(1.0, 0.5, 0.0), time_s=0.2)
+
+
+PLATE = plate("plate", (8.0, 0.0, 0.0), (0.0, 4.0, 0.0), (0.0, 0.0, 3.0), "metal")
+HOUSE = box("house", (20.0, -9.0, -1.0), (25.0, 9.0, 8.0), "metal")
+CAR = box("car", (7.0, -2.0, -1.0), (9.0, 2.0, 1.0), "metal")
+
+
+def traced(merged: MergedScene, pose: Pose, **settings: object) -> PathTable:
+    chosen = TraceSettings(rays=4_000, **{"depth": 1, "paths_a_cell": 0, "solver_share": 1, **settings})  # type: ignore[arg-type]
+    return trace(merged, pose, FREQUENCY_HZ, chosen, RayFan(4_000), 1)
+
+
+def later(pose: Pose, seconds: float = STEP_S) -> Pose:
+    moved = np.array(pose.position) + seconds * np.array(pose.velocity)
+    x, y, z = (float(value) for value in moved)
+    return Pose((x, y, z), pose.yaw_deg, pose.pitch_deg, pose.roll_deg, pose.velocity, pose.time_s + seconds)
+
+
+@pytest.mark.usefixtures("variant")
+def test_the_image_in_a_turning_mirror_moves_as_two_traces_say() -> None:
+    merged = merged_of(turning(PLATE), HOUSE)
+    now, then = (traced(merged, pose).specular for pose in (POSE, later(POSE)))
+    assert len(now) == len(then) >= 1
+    np.testing.assert_allclose(now.image_velocity, (then.image - now.image) / STEP_S, atol=5e-3)
+
+
+@pytest.mark.usefixtures("variant")
+def test_chains_of_mirrors_have_the_range_rate_of_two_traces() -> None:
+    wide = plate("wide", (8.0, 0.0, 0.0), (0.0, 16.0, 0.0), (0.0, 0.0, 3.0), "metal")
+    merged = merged_of(
+        turning(wide, yaw=-TURN_DEG_PER_S), plate("side", (5.0, 9.0, 0.0), (9.0, 0.0, 0.0), (0.0, 0.0, 9.0), "metal")
+    )
+    now, then = (traced(merged, pose, depth=2).specular for pose in (POSE, later(POSE, 1e-3)))
+    assert now.depth.max() == 2
+    assert len(now) == len(then)
+    rate = np.einsum("ki,ki->k", now.image, now.image_velocity) / np.linalg.norm(now.image, axis=1)
+    lengths = [np.sort(np.linalg.norm(table.image, axis=1)) for table in (now, then)]
+    order = np.argsort(np.linalg.norm(now.image, axis=1))
+    # The solver's float32 vertices are good to some micrometres.
+    np.testing.assert_allclose(rate[order], (lengths[1] - lengths[0]) / 1e-3, atol=0.05)
+
+
+@pytest.mark.usefixtures("variant")
+def test_what_scatters_on_a_turning_body_moves_with_its_point() -> None:
+    rough = {**MATERIALS.entries}
+    metal, source = rough["metal"]
+    rough["metal"] = (type(metal)(**{**vars(metal), "scattering_coefficient": 0.6}), source)
+    materials = type(MATERIALS)(entries=rough, unknown=())
+    merged = merge_scene(Scene("test", (turning(CAR),)), materials)
+    chosen = TraceSettings(rays=4_000, depth=1, paths_a_cell=0, solver_share=1, specular=False)
+    paths = trace(merged, POSE, FREQUENCY_HZ, chosen, RayFan(4_000), 1).scattered
+    assert len(paths) > 100
+    hub = np.array([8.0 + 3.0 * POSE.time_s, 0.0, 0.0])
+    spin = np.array([0.0, 0.0, np.radians(TURN_DEG_PER_S)])
+    expected = np.array([3.0, 0.0, 0.0]) + np.cross(spin, paths.rx_point - hub) - POSE.velocity
+    np.testing.assert_allclose(paths.rx_velocity, expected, atol=1e-6)
+    np.testing.assert_allclose(paths.tx_velocity, expected, atol=1e-6)
+
+
+@pytest.mark.usefixtures("variant")
+def test_the_speckle_of_a_turning_body_turns_with_it() -> None:
+    """The same ray lattice, in the body's own frame, meets the same cells of the surface: the same phases."""
+    merged = merged_of(turning(CAR, yaw=90.0, forward=0.0)).at(1.0)
+    triangle = np.arange(len(merged.meshes[0].triangles))
+    corners = merged.meshes[0].vertices[merged.meshes[0].triangles]
+    carried = merged.carried(triangle, corners.mean(axis=1), np.zeros(len(triangle), dtype=np.int64))
+    at_rest = CAR.vertices[CAR.triangles].mean(axis=1)
+    np.testing.assert_allclose(carried.at_rest, at_rest, atol=1e-12)
+
+
+def test_edges_of_a_turning_body_move_as_two_moments_say_and_others_are_kept() -> None:
+    merged = merged_of(turning(CAR), HOUSE)
+    now, then = (edges_of(merged.at(time)) for time in (0.2, 0.2 + STEP_S))
+    house = np.array([merged.objects[index] == "house" for index in now.object_index])
+    assert house.any()
+    assert (~house).any()
+    for share in (0.0, 0.3, 1.0):
+        here, there = (edges.start + share * (edges.end - edges.start) for edges in (now, then))
+        velocity = now.velocity_at(np.arange(len(now)), here)
+        np.testing.assert_allclose(velocity, (there - here) / STEP_S, atol=1e-3)
+    np.testing.assert_array_equal(now.velocity[house], 0.0)
+
+
+def test_boundaries_of_mirrors_that_rest_are_those_of_time_0() -> None:
+    merged = merged_of(turning(CAR), HOUSE)
+
+    def rims(at: MergedScene, turned: bool) -> Rim:
+        """Of the first triangle of what turns, or of what does not."""
+        mesh = np.flatnonzero(at.turned == turned)[0]
+        (body,) = (body for body in bodies_of(at) if mesh in body.meshes)
+        return planes_of(body).rim(at.first[mesh], at.corners[at.first[mesh], 0], at.normals[at.first[mesh]])[0]
+
+    assert rims(merged.at(0.7), False) is rims(merged, False)
+    assert np.abs(rims(merged.at(0.7), True).edges - rims(merged, True).edges).max() > 0.1
+
+
+def test_a_scene_at_rest_is_itself_at_all_times() -> None:
+    merged = merged_of(HOUSE)
+    assert merged.at(5.0) is merged
+    assert edges_of(merged.at(5.0)) is edges_of(merged)
+
+
+def test_a_shifted_scene_keeps_its_shape_and_shares_what_was_found_of_it() -> None:
+    track = Track((0.0, 1.0), ((0.0, 0.0, 0.0), (2.0, 0.0, 0.0)), ((2.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    car = SceneObject("car", CAR.vertices, CAR.triangles, "metal", motion=track).as_it_moves()
+    lid = SceneObject(
+        "lid", CAR.vertices + np.array([0.0, 0.0, 2.0]), CAR.triangles, "glass", motion=track
+    ).as_it_moves()
+    merged = merged_of(car, lid, HOUSE)
+    there = merged.at(0.5)
+    assert bodies_of(there) is bodies_of(merged)
+    assert there.shapes is merged
+    by_material = {mesh.object_of_triangle[0]: mesh for mesh in there.meshes}
+    assert by_material[0].rigid_body == by_material[1].rigid_body != by_material[2].rigid_body
+    np.testing.assert_array_equal(by_material[0].shift, [1.0, 0.0, 0.0])
+    np.testing.assert_array_equal(by_material[0].velocity, [2.0, 0.0, 0.0])
+    np.testing.assert_array_equal(merged.at(3.0).meshes[0].velocity, [0.0, 0.0, 0.0])
+    assert merged.fastest_mps == 2.0

@@ -1,0 +1,111 @@
+"""The fast cube against the float64 sum of eq. (1)-(2), over everything that a path table can hold."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from oracles import if_cube, relative_error
+from path_tables import random_table
+
+from datafactory.paths.table import PathTable, ScatteredPaths
+from datafactory.synthesis.cube import cube_of_paths
+from datafactory.synthesis.sorting import FLOAT32_TOLERANCE
+from shared.radar import Radar
+from shared.radar.arrays import AntennaArray, line
+from shared.radar.waveform import Waveform
+
+# The tolerance is a promise; a second or two of hypothesis examples is enough to break a false one.
+PROPERTY = settings(max_examples=40)
+
+
+def small_arrays() -> list[AntennaArray]:
+    plane = ((0.0, -0.04, 0.01), (0.0, 0.03, -0.02), (0.01, 0.0, 0.0))
+    return [
+        AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=((0.0, 0.0, 0.0),)),
+        AntennaArray(tx_m=line(np.array([-0.05, -0.048])), rx_m=line(np.array([-0.045, 0.003, 0.045]))),
+        AntennaArray(tx_m=plane, rx_m=plane[::-1]),
+        AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=line(np.linspace(-0.25, 0.25, 5))),
+    ]
+
+
+@PROPERTY
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    samples=st.sampled_from([1, 2, 3, 31, 64, 65]),
+    chirps=st.sampled_from([1, 2, 3]),
+    array=st.sampled_from(small_arrays()),
+    counts=st.tuples(st.integers(0, 5), st.integers(0, 3)).filter(any),
+    limits_m=st.sampled_from([(0.3, 1.0), (0.3, 150.0), (9.0, 10.0), (100.0, 150.0)]),
+    span_db=st.sampled_from([0.0, 120.0]),
+    speed=st.sampled_from([0.0, 3.0, 40.0]),
+    multiplexing=st.sampled_from(["simultaneous", "tdm"]),
+    video_phase=st.booleans(),
+    tolerance=st.sampled_from([1e-3, 1e-6, 1e-9]),
+)
+def test_cube_keeps_its_tolerance(
+    seed, samples, chirps, array, counts, limits_m, span_db, speed, multiplexing, video_phase, tolerance
+):
+    # With 64 samples the unambiguous range is 9.6 m: most of these echoes are folded, as eq. (1) has them.
+    waveform = Waveform(
+        samples=samples, chirps=chirps, range_bins=samples, multiplexing=multiplexing, residual_video_phase=video_phase
+    )
+    radar = Radar(waveform=waveform, array=array)
+    table = random_table(np.random.default_rng(seed), counts[0], counts[1], limits_m, span_db, speed)
+    reference = if_cube(table, radar)
+    cube = cube_of_paths(table, radar, tolerance)
+    assert cube.shape == reference.shape
+    # Paths of equal strength may cancel in one sample; the promise is relative to what the paths could add up to.
+    amplitudes = np.concatenate([table.scattered.amplitude, table.specular.amplitude])
+    energy = np.sqrt(reference.size) * np.linalg.norm(amplitudes)
+    assert np.linalg.norm(cube - reference) <= tolerance * max(np.linalg.norm(reference), energy)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("video_phase", [False, True])
+def test_default_radar_and_virtual_sensor_keep_their_tolerance(tolerance, video_phase):
+    radar = Radar(waveform=Waveform(chirps=3, residual_video_phase=video_phase))
+    table = random_table(np.random.default_rng(5), 40, 10, (0.3, 150.0), 120.0, 15.0)
+    assert relative_error(cube_of_paths(table, radar, tolerance), if_cube(table, radar)) <= tolerance
+    # 0.5 m wide: the RX are worked on in blocks.
+    radar = Radar(waveform=Waveform(samples=128, range_bins=128, chirps=2, residual_video_phase=video_phase))
+    table = random_table(np.random.default_rng(6), 12, 4, (0.3, 150.0), 60.0, 15.0)
+    cube = cube_of_paths(table, radar, tolerance, array=radar.virtual_sensor)
+    assert relative_error(cube, if_cube(table, radar, radar.virtual_sensor)) <= tolerance
+
+
+@example(speed=0.0)
+@given(speed=st.sampled_from([1e-300, 1e-30]))
+@settings(max_examples=3)
+def test_static_equals_moving_with_no_velocity(speed):
+    # A velocity that moves nothing takes the moving way through every chirp; the static way repeats one.
+    radar = Radar(waveform=Waveform(samples=64, range_bins=64, chirps=4))
+    table = random_table(np.random.default_rng(2), 6, 2, (1.0, 9.0), 20.0, 0.0)
+    static = cube_of_paths(table, radar)
+    moving = random_table(np.random.default_rng(2), 6, 2, (1.0, 9.0), 20.0, speed)
+    assert moving.moves() == (speed > 0.0)
+    assert static.tobytes() == cube_of_paths(moving, radar).tobytes()
+
+
+def test_precision_follows_the_tolerance_and_what_is_beyond_float64_is_refused(small_radar):
+    radar = small_radar(chirps=1)
+    table = random_table(np.random.default_rng(4), 2, 0, (1.0, 9.0), 0.0, 0.0)
+    assert cube_of_paths(table, radar, FLOAT32_TOLERANCE).dtype == np.complex64
+    assert cube_of_paths(table, radar, 0.9 * FLOAT32_TOLERANCE).dtype == np.complex128
+    for tolerance in (1e-12, 0.0, float("nan")):
+        with pytest.raises(ValueError, match="expected at least 1e-11"):
+            cube_of_paths(table, radar, tolerance)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 5e-7, 1e-9])
+@pytest.mark.parametrize("direction", [(0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.6, -0.8, 0.0)])
+def test_the_worst_places_for_a_single_path(direction, tolerance):
+    # Seen end on, the outer elements' delays are as far from the block's centre as they can be; half a cell comes on
+    # top. The weights have little to spare: 0.78e-6 of 1e-6 for a whole block of the virtual sensor.
+    radar = Radar(waveform=Waveform(chirps=1))
+    step = radar.waveform.range_step_m
+    for cell in 80.0, 80.125, 80.249, 80.251, 80.375:
+        place = PathTable(ScatteredPaths.of_points(cell * step * np.array([direction]), np.zeros((1, 3)), np.ones(1)))
+        cube = cube_of_paths(place, radar, tolerance, array=radar.virtual_sensor)
+        assert relative_error(cube, if_cube(place, radar, radar.virtual_sensor)) <= tolerance

@@ -1,0 +1,117 @@
+"""Peaks of a row: where they stand, what limits that, two of them, their width, and those of noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from paper_arrays import ARRAYS, RADAR, U, deterministic_bound, echoes, noise
+
+from shared.signal.windows import angle_window
+from shared.signal.windows import point_spread as window_point_spread
+from trainer.estimators.base import ESTIMATORS, LineArray
+from trainer.metrics.peaks import (
+    false_alarms,
+    noise_level,
+    point_spread,
+    resolved,
+    single_source_bound,
+    strongest_peaks,
+)
+
+
+def test_the_bound_of_one_source_is_the_general_one_and_that_of_a_filled_line() -> None:
+    for array in ARRAYS.values():
+        general = deterministic_bound(array, np.array([0.3]), np.array([[1.0 + 0.0j]]), 0.01)
+        assert general[0, 0] == pytest.approx(single_source_bound(array, 100.0))
+    # A filled line of length L has sum (p - mean p)^2 = C L^2 / 12, but for C^-2, and a cell lambda / L.
+    full = ARRAYS["full"]
+    expected = full.resolution_cell / (2.0 * np.pi) * np.sqrt(6.0 / (48 * 100.0))
+    assert np.sqrt(single_source_bound(full, 100.0)) == pytest.approx(expected, rel=1e-3)
+
+
+def test_random_angles_resolve_as_often_as_chance_says() -> None:
+    separation = 0.4
+    trials = 4000
+    true = np.tile([[-separation / 2, separation / 2]], (trials, 1))
+    found = np.sort(np.random.default_rng(0).uniform(-1.0, 1.0, (trials, 2)), axis=1)
+    # Each angle must fall in its half of an interval of twice the separation: 2 (s / 2)^2.
+    expected = 2.0 * (separation / 2.0) ** 2
+    assert np.mean(resolved(found, true)) == pytest.approx(expected, abs=4.0 * np.sqrt(expected / trials))
+
+
+def test_perfect_angles_resolve_and_an_empty_image_does_not() -> None:
+    true = np.array([[-0.1, 0.1], [0.2, 0.25], [-0.5, -0.4]])
+    assert resolved(true, true).all()
+    assert not resolved(strongest_peaks(np.zeros((3, len(U))), U, 2), true).any()
+    one = np.column_stack([true[:, 0], np.full(3, np.nan)])
+    assert not resolved(one, true).any()
+    # A single peak in the middle is not two.
+    assert not resolved(np.repeat(true.mean(axis=1, keepdims=True), 2, axis=1), true).any()
+
+
+def test_false_alarms_of_delay_and_sum_are_those_of_rice() -> None:
+    array, rows, probability = ARRAYS["full"], 6000, 1e-3
+    image = ESTIMATORS["das"]().image(noise(array, rows, 2.0, np.random.default_rng(1)), array, U, 2.0)
+    level = noise_level(array, 2.0, probability)
+    assert np.mean(image > level) == pytest.approx(probability, rel=0.15)
+    beta = 2.0 * np.pi / array.wavelength_m * np.std(array.positions_m)
+    expected = np.sqrt(-np.log(probability)) * beta * 1.7 / np.sqrt(np.pi) * probability
+    assert false_alarms(image, level) / rows == pytest.approx(expected, rel=0.15)
+    assert false_alarms(np.zeros((3, 50)), level) == 0
+
+
+def beam(array: LineArray, u_true: float, u: NDArray[np.float64] = U) -> NDArray[np.float64]:
+    snapshot = echoes(array, np.array([[u_true]]), np.ones((1, 1), dtype=complex))
+    return ESTIMATORS["das"]().image(snapshot, array, u, 0.0)[0]
+
+
+@pytest.mark.parametrize(
+    ("array", "bins", "sidelobe_db"), [("full", 9.5, -13.2), ("sparse6", 7.7, -5.4), ("sparse4", 6.9, -1.5)]
+)
+def test_point_spread_of_the_paper_arrays(array: str, bins: float, sidelobe_db: float) -> None:
+    spread = point_spread(beam(ARRAYS[array], 0.1234), U)
+    assert spread is not None
+    assert spread.u == pytest.approx(0.1234, abs=2e-4)
+    assert spread.width / RADAR.grid.step == pytest.approx(bins, abs=0.1)
+    assert spread.pslr_db == pytest.approx(sidelobe_db, abs=0.15)
+
+
+def test_point_spread_of_a_window() -> None:
+    weights = angle_window("taylor-30", 256)
+    line = LineArray(0.5 * np.arange(256.0), 1.0)
+    u = np.linspace(-0.2, 0.2, 801)
+    row = np.abs(line.manifold(u).T @ weights) / 256
+    spread = point_spread(row, u)
+    assert spread is not None
+    width, sidelobe_db = window_point_spread(weights, 0.5)
+    assert spread.width == pytest.approx(width, rel=0.01)
+    assert spread.pslr_db == pytest.approx(sidelobe_db, abs=0.3)
+
+
+def test_integrated_sidelobes_of_a_filled_line() -> None:
+    # A sinc has 90.3 % of its energy between its first zeros: -9.7 dB beside it.
+    line = LineArray(0.5 * np.arange(200.0), 1.0)
+    spread = point_spread(beam(line, 0.0, np.linspace(-1.0, 1.0, 4001)), np.linspace(-1.0, 1.0, 4001))
+    assert spread is not None
+    assert spread.islr_db == pytest.approx(10.0 * np.log10(0.0972 / 0.9028), abs=0.1)
+
+
+def test_a_main_lobe_reaches_to_the_minima_on_both_sides() -> None:
+    spread = point_spread(np.array([0.4, 0.2, 1.0, 0.6, 0.3, 0.5]), np.arange(6.0))
+    assert spread is not None
+    assert spread.islr_db == pytest.approx(10.0 * np.log10((0.16 + 0.25) / (0.04 + 1.0 + 0.36 + 0.09)))
+
+
+def test_point_spread_of_lines_edges_and_nothing() -> None:
+    line = np.zeros(50)
+    line[20] = 3e-20
+    spread = point_spread(line, U[:50])
+    assert spread is not None
+    assert spread.u == pytest.approx(U[20])
+    assert spread.width < 1.5 * RADAR.grid.step
+    assert spread.pslr_db == spread.islr_db == -np.inf
+    edge = point_spread(np.linspace(0.0, 1.0, 50), U[:50])
+    assert edge is not None
+    assert edge.width == np.inf
+    assert point_spread(np.zeros(50), U[:50]) is None
