@@ -55,7 +55,7 @@ LONG = (
     "hardcases/test_hardcases.py::test_hard_case[signals-2^15",
     "hardcases/test_hardcases.py::test_hard_case[signals-crossing",
     "hardcases/test_hardcases.py::test_hard_case[signals-one",
-    "integration/test_stored_paths.py::test_rendered",
+    "integration/test_array_jobs.py::test_rendered",
     "integration/test_flipped_bits.py",
     "integration/test_flipped_files.py",
     "integration/test_frames_decide.py::test_a_frame",

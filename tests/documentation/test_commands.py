@@ -71,7 +71,7 @@ NOT_RUN = {
 }
 """Commands of blocks, with the reason."""
 HARDWARE = (
-    "a capture of the reader's board; tests/trainer/cli/test_trainer_cli.py runs these commands on simulated ones"
+    "a capture of the reader's board; tests/trainer/cli/test_captures_cli.py runs these commands on simulated ones"
 )
 REFERENCE = "the reference captures; tests/trainer/evaluation/test_measured.py runs it where they are"
 VIEWED = "tests of datafactory/view run it, and open its page in a browser"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import h5py
@@ -11,18 +10,15 @@ import pytest
 import scipy.io
 from numpy.typing import NDArray
 from raw_files import COUNTS, quantised, radar_file, radar_of, scene, write_cascade, write_four_lanes, write_two_lanes
-from tiny_radar import RADAR
 
 from shared.physics.errors import InputError
 from shared.radar import Radar
 from shared.signal.spectrum import range_doppler
 from trainer.captures import reading
 from trainer.captures.array_files import read_array_capture
-from trainer.captures.cube_file import Capture, frame_shape, read_cube, write_cube
 from trainer.captures.importing import RawCapture, read_capture
 from trainer.captures.reading import SUFFIXES, read_arrays
 from trainer.captures.samples import Reading
-from trainer.data.measurements import open_measurements
 
 CASCADE = "tx = [12, 11, 1]\n"
 
@@ -279,58 +275,3 @@ def test_a_library_that_crashes_is_one_line(tmp_path: Path, monkeypatch: pytest.
     (tmp_path / f"a{suffix}").write_bytes(b"whole")
     with pytest.raises(InputError, match=r"not readable: its library ended with status -6"):
         read_arrays(tmp_path / f"a{suffix}")
-
-
-CAPTURE = Capture(
-    source="adc_data.bin", source_sha256="a" * 64, board="iwr1843", frames=2, scale="relative", noise_power=2.5,
-    model_error_db=-21.5, dead_channels=(3,),
-)  # fmt: skip
-
-
-def frames(count: int) -> NDArray[np.complex64]:
-    generator = np.random.default_rng(count)
-    return (generator.standard_normal((count, *frame_shape(RADAR), 2)) @ np.array([1.0, 1.0j])).astype(np.complex64)
-
-
-@pytest.mark.parametrize("count", [1, 2])
-def test_what_is_written_is_read(tmp_path: Path, count: int) -> None:
-    capture = CAPTURE.model_copy(update={"frames": count})
-    for name in ("a.npz", "b.npz"):
-        write_cube(tmp_path / name, frames(count), RADAR, capture)
-    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
-    with np.load(tmp_path / "a.npz") as stored:
-        assert stored["cube"].ndim == (3 if count == 1 else 4)
-    found = read_cube(tmp_path / "a.npz", None)
-    np.testing.assert_array_equal(found.cube, frames(count))
-    assert (found.radar, found.capture) == (RADAR, capture)
-
-
-def test_every_frame_is_a_measurement_with_the_noise_that_was_measured(tmp_path: Path) -> None:
-    write_cube(tmp_path / "drive.npz", frames(2), RADAR, CAPTURE)
-    _, measurements = open_measurements(tmp_path / "drive.npz", None, "test")
-    found = list(measurements)
-    assert [(m.name, m.frame_id, m.noise_power) for m in found] == [
-        ("drive-000000", 0, 2.5),
-        ("drive-000001", 1, 2.5),
-    ]
-    assert not np.array_equal(found[0].range_channel, found[1].range_channel)
-
-
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        ({"frames": 3}, "its entries have sha256"),
-        ({"sha256": None, "frames": 3}, r"capture says 3 frames, cube has 2"),
-        ({"sha256": None, "dead_channels": [7]}, r"capture names the dead channel 7; expected one of the 6"),
-        ({"sha256": None, "noise_power": -1.0}, r"capture: noise_power = -1.0"),
-    ],
-)
-def test_a_changed_capture_is_one_line(tmp_path: Path, changed: dict[str, object], message: str) -> None:
-    write_cube(tmp_path / "cube.npz", frames(2), RADAR, CAPTURE)
-    with np.load(tmp_path / "cube.npz") as stored:
-        content = dict(stored)
-    document = json.loads(str(content["capture"])) | changed
-    document = {name: value for name, value in document.items() if value is not None or name != "sha256"}
-    np.savez(tmp_path / "cube.npz", **(content | {"capture": np.asarray(json.dumps(document))}))
-    with pytest.raises(InputError, match=message):
-        read_cube(tmp_path / "cube.npz", None)

@@ -1,19 +1,15 @@
-"""What peaks explain of the data, against the same row by row; NMSE and SSIM: perfect, empty, noise, torchmetrics."""
+"""What the peaks of an image explain of the data, against the same row by row."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 from numpy.typing import NDArray
 from paper_arrays import ARRAYS, RADAR, U, echoes, lines_image, noise
 from scipy.signal import find_peaks
-from torchmetrics.functional.image import structural_similarity_index_measure
 
-from shared.physics.errors import InputError
 from trainer.estimators.base import ESTIMATORS, LineArray
 from trainer.estimators.lines import refine_lines
-from trainer.metrics.image import nmse, nmse_best_scaled, ssim
 from trainer.metrics.residual import (
     REFINEMENTS,
     SUPPORT_PROBABILITY,
@@ -167,37 +163,3 @@ def test_lines_include_the_ends_of_a_row_and_rows_do_not_know_each_other() -> No
     image[0, [0, 7, 19]] = [0.5, 1.0, 0.05]
     image[2, [0, 19]] = [1.0, 0.5]
     assert [bins.tolist() for bins in image_lines(image)] == [[7, 0], [], [0, 19]]
-
-
-def test_image_metrics_of_perfect_and_empty_images() -> None:
-    truth = np.random.default_rng(2).random((40, 60))
-    empty = np.zeros_like(truth)
-    assert nmse(truth, truth) == nmse_best_scaled(truth, truth) == 0.0
-    assert nmse(empty, truth) == nmse_best_scaled(empty, truth) == 1.0
-    assert nmse(3.0 * truth, truth) == pytest.approx(4.0)
-    assert nmse_best_scaled(3.0 * truth, truth) == pytest.approx(0.0, abs=1e-12)
-    assert ssim(truth, truth) == pytest.approx(1.0)
-    assert ssim(empty, truth) < 0.02
-
-
-def test_ssim_is_that_of_torchmetrics() -> None:
-    generator = np.random.default_rng(0)
-    truth = generator.random((30, 26))
-    estimate = truth + 0.3 * generator.standard_normal(truth.shape)
-    one, other = (torch.from_numpy(image)[None, None] for image in (estimate, truth))
-    _, likeness = structural_similarity_index_measure(one, other, data_range=1.0, sigma=1.5, return_full_image=True)
-    # Its mean includes pixels whose window hangs over the edge.
-    assert ssim(estimate, truth) == pytest.approx(float(likeness[..., 5:-5, 5:-5].mean()), abs=1e-9)
-
-
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda: nmse(np.zeros(3), np.zeros(4)), lambda: nmse(np.ones(3), np.zeros(3)),
-        lambda: nmse(np.full(3, np.nan), np.ones(3)), lambda: ssim(np.ones((5, 50)), np.ones((5, 50))),
-        lambda: nmse(np.empty(0), np.empty(0)),
-    ],
-)  # fmt: skip
-def test_images_that_cannot_be_compared_are_refused(call) -> None:
-    with pytest.raises(InputError, match="expected"):
-        call()

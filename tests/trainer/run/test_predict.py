@@ -1,13 +1,10 @@
-"""``trainer predict`` and ``trainer export``: images of datasets and cubes, ONNX, animation, and what is refused;
-networks in bfloat16, and those that come with the package.
-"""
+"""``trainer predict`` and ``trainer export``: images of datasets and cubes, ONNX, animation, and what is refused."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
 import json
-from pathlib import Path
 
 import numpy as np
 import onnxruntime
@@ -15,34 +12,26 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 from PIL import Image, ImageSequence
-from small_evaluation import evaluated, strong_dataset
-from small_fit import run as small_fit
-from tiny_radar import NOISE_POWER, RADAR, TINY, frame, small_dataset, tiny, write_dataset
+from tiny_radar import NOISE_POWER, RADAR, frame, small_dataset, tiny, write_dataset
 from tiny_run import make_run, run_of
 from typer.testing import CliRunner
 
 from shared.physics.errors import InputError
-from shared.radar import Radar, load_radar
+from shared.radar import Radar
 from shared.signal import if_signal
 from shared.signal.adaptive import adaptive_tables
 from shared.signal.ego_motion import EgoMotion, StaticWorld
 from shared.signal.features import adaptive_features, row_features, snapshot_features, steering_weights
-from shared.signal.windows import cell_noise_power
 from trainer.cli.app import app
 from trainer.data.measurements import Measurement, open_measurements
-from trainer.data.simulation import Condition, simulate
-from trainer.estimators.base import line_array
-from trainer.estimators.fitting import fit_lines, score_peaks
-from trainer.metrics.peaks import resolved
 from trainer.run.answers import Told, network_answer
 from trainer.run.detection_files import records
 from trainer.run.export import export
 from trainer.run.folder import load_imager
-from trainer.run.imager import FLOAT32_INSTEAD, in_bfloat16, precision_remark
 from trainer.run.pictures import save_animation
 from trainer.run.predict import PredictRequest, predict
 from trainer.run.predictor import Predictor, merge_peaks
-from trainer.run.pretrained import pretrained_names, pretrained_run
+from trainer.run.pretrained import pretrained_run
 
 SPECTRAL = {"model": "spectral-unet"}
 SHAPE = (RADAR.waveform.range_bins, RADAR.grid.bins)
@@ -344,106 +333,3 @@ def test_cubes_one_by_one_give_what_the_command_gives(tmp_path, model: str) -> N
 def test_a_model_that_there_is_not_is_refused() -> None:
     with pytest.raises(InputError, match=r"'sparse7'; expected the folder of a run, or one of sparse4, sparse6, das"):
         Predictor.load("sparse7", RADAR)
-
-
-WITHOUT: dict[str, bool] = {}
-WITH = [{name: True} for name in ("avx512_bf16", "amx_bf16", "bf16", "sve_bf16")]
-
-
-@pytest.mark.parametrize("capabilities", [WITHOUT, *WITH])
-@pytest.mark.parametrize("precision", ["32", "bf16"])
-def test_a_network_is_computed_in_what_the_processor_has(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capabilities: dict[str, bool], precision: str
-) -> None:
-    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: capabilities)
-    _, imager = load_imager(make_run(tmp_path / "run", model="spectral-unet", precision=precision))
-    seen: list[bool] = []
-    imager.network.register_forward_pre_hook(lambda *_: seen.append(torch.is_autocast_enabled("cpu")))
-    with torch.inference_mode():
-        imager(torch.from_numpy(frame(0).range_channel), torch.ones(3))
-    assert seen == [precision == "bf16" and bool(capabilities)]
-
-
-def test_a_gpu_is_not_asked_for_the_processor(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: WITHOUT)
-    assert in_bfloat16(tiny(precision="bf16"), "cuda")
-    assert not in_bfloat16(tiny(precision="32"), "cuda")
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    assert precision_remark([tiny(precision="bf16")]) is None
-
-
-@pytest.mark.parametrize(("capabilities", "times"), [(WITHOUT, 1), (WITH[0], 0)])
-def test_fit_predict_and_evaluate_say_so_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capabilities: dict[str, bool], times: int
-) -> None:
-    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: capabilities)
-    data = strong_dataset(tmp_path / "data")
-    config = TINY.model_copy(update={"precision": "bf16"})
-    _, of_fit = small_fit(data, tmp_path / "run", config)
-    of_predict: list[str] = []
-    predict(PredictRequest(data, tmp_path / "out", run=tmp_path / "run", pictures=False), of_predict.append)
-    of_evaluate: list[str] = []
-    evaluated(
-        data, tmp_path / "report", runs=[tmp_path / "run"], methods=["unet"], arrays=["full"],
-        announce=of_evaluate.append,
-    )  # fmt: skip
-    for lines in (of_fit, of_predict, of_evaluate):
-        assert "\n".join(lines).count(FLOAT32_INSTEAD) == times
-
-
-MOST_BYTES = 8_000_000
-"""A wheel that carries them is still fetched in a second."""
-NAMES = ("sparse4", "sparse6")
-
-
-def test_they_are_there_with_their_card_and_small():
-    assert pretrained_names() == NAMES
-    folder = pretrained_run("sparse6").parent
-    assert (folder / "README.md").is_file()
-    assert sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) < MOST_BYTES
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_it_is_of_the_default_radar_and_its_array(name):
-    run, imager = load_imager(pretrained_run(name))
-    assert run.radar == load_radar("avr-qdm-110")
-    assert run.array.name == name
-    assert imager.detects
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_one_target_reads_its_level_at_its_place_and_is_certain(name):
-    run, imager = load_imager(pretrained_run(name))
-    radar, noise = run.radar, cell_noise_power(run.radar)
-    trials = simulate(radar, Condition(0.0, 25.0), 20, [4])
-    with torch.inference_mode():
-        image, probability = imager.detect(torch.from_numpy(trials.snapshots[:1]), torch.tensor([noise]))
-    assert probability is not None
-    rows = np.arange(len(trials.rows))
-    place = np.rint((trials.u[rows, 0] - radar.grid.u[0]) / radar.grid.step).astype(int)
-    seen = image[0, trials.rows].numpy()
-    assert np.median(np.abs(seen.argmax(axis=1) - place)) <= 1
-    level_db = 20.0 * np.log10(seen.max(axis=1) / np.sqrt(noise)) - 25.0
-    assert abs(np.median(level_db)) < 1.0
-    certain = probability[0, trials.rows].numpy()
-    near = np.stack([certain[row, max(p - 2, 0) : p + 3].max() for row, p in zip(rows, place, strict=True)])
-    assert np.median(near) > 0.5
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_its_lines_resolve_pairs_half_a_cell_apart(name):
-    """At 20 dB maximum likelihood that is told there are two resolves 0.96 and more of them."""
-    run, imager = load_imager(pretrained_run(name))
-    radar, noise = run.radar, cell_noise_power(run.radar)
-    channels = run.array.channels(radar)
-    trials = simulate(radar, Condition(0.5, 20.0), 46, [5])
-    found = []
-    for snapshots in trials.snapshots:
-        with torch.inference_mode():
-            image, probability = imager.detect(torch.from_numpy(snapshots)[None], torch.tensor([noise]))
-        assert probability is not None
-        score = (image * probability.sqrt())[0, trials.rows].numpy()
-        line = line_array(radar, channels)
-        lines = fit_lines(snapshots[trials.rows][:, channels], line, noise, score_peaks(score, radar.grid.u, 6))
-        found.append(np.sort(lines.u[:, :2], axis=1))
-    assert resolved(np.concatenate(found), trials.u).mean() > 0.9

@@ -1,10 +1,6 @@
-"""Fitting: runs that learn, that say what they were made with, and that go on as if never ended; what stops them."""
-
-from __future__ import annotations
+"""``trainer fit``: it learns, is repeatable, begins with other weights, keeps the best, takes first frames alone."""
 
 import json
-import shutil
-import signal
 from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
@@ -23,14 +19,12 @@ from shared.physics.errors import InputError
 from shared.signal.imaging import steering_matrix
 from shared.signal.signal import manifold
 from trainer.data.shards import ShardDataset
-from trainer.errors import TrainingStopped
 from trainer.run.configuration import CALIBRATED, FitConfig
-from trainer.run.folder import CHECKPOINT, METRICS, WEIGHTS, load_imager, read_run, save_weights
+from trainer.run.folder import METRICS, WEIGHTS, load_imager, read_run, save_weights
 from trainer.run.imager import Imager
 from trainer.run.predict import PredictRequest, predict
 from trainer.training.datamodule import ImagingData
 from trainer.training.fit import FitRequest, fit
-from trainer.training.task import ImagingTask
 
 
 def test_eight_frames_are_learned_by_heart(dataset, tmp_path):
@@ -284,146 +278,3 @@ def test_the_same_frames_and_seed_are_the_same_weights(tmp_path):
     assert (one / WEIGHTS).read_bytes() == (other / WEIGHTS).read_bytes()
     last = last_state(other)
     assert all(torch.equal(tensor, last[name]) for name, tensor in last_state(one).items())
-
-
-@pytest.mark.parametrize("imperfections", [None, CALIBRATED])
-def test_a_killed_run_resumed_ends_in_the_same_weights(dataset, tmp_path, monkeypatch, imperfections):
-    changes = {"steps": 6, "augment": True, "points": 1, "accumulate": 2, "imperfections": imperfections}
-    config = TINY.model_copy(update=changes)
-    run(dataset, tmp_path / "whole", config)
-    original = ImagingTask.training_step
-
-    def killed(self, batch, batch_index):
-        if batch_index == 6:  # within an epoch of the data and between two validations
-            raise MemoryError("killed")
-        return original(self, batch, batch_index)
-
-    monkeypatch.setattr(ImagingTask, "training_step", killed)
-    with pytest.raises(MemoryError):
-        run(dataset, tmp_path / "killed", config)
-    monkeypatch.undo()
-    assert metrics(tmp_path / "killed")[-1]["step"] == "2"
-    run(dataset, tmp_path / "killed", config, resume=True)
-    assert metrics(tmp_path / "killed") == metrics(tmp_path / "whole")
-    assert (tmp_path / "killed" / WEIGHTS).read_bytes() == (tmp_path / "whole" / WEIGHTS).read_bytes()
-    states = [torch.load(tmp_path / name / CHECKPOINT, weights_only=True) for name in ("killed", "whole")]
-    for name, tensor in states[0]["state_dict"].items():
-        assert torch.equal(tensor, states[1]["state_dict"][name]), name
-
-
-def test_an_interrupted_run_says_so_and_can_be_taken_up(dataset, tmp_path, monkeypatch):
-    def interrupted(self, batch, batch_index):
-        raise KeyboardInterrupt
-
-    kept = signal.getsignal(signal.SIGINT)
-    with monkeypatch.context() as patched:
-        patched.setattr(ImagingTask, "training_step", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            run(dataset, tmp_path / "run")
-    signal.signal(signal.SIGINT, kept)
-    run(dataset, tmp_path / "run", resume=True)
-    assert [row["step"] for row in metrics(tmp_path / "run")] == ["0", "2", "4"]
-
-
-def test_a_run_killed_while_it_validates_validates_again(dataset, ordinary, tmp_path, monkeypatch):
-    original = ImagingTask.validation_step
-
-    def killed(self, batch, batch_index):
-        if self.trainer.global_step == 4 and batch_index == 1:
-            raise MemoryError("killed")
-        return original(self, batch, batch_index)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(ImagingTask, "validation_step", killed)
-        with pytest.raises(MemoryError):
-            run(dataset, tmp_path / "killed")
-    run(dataset, tmp_path / "killed", resume=True)
-    assert metrics(tmp_path / "killed") == metrics(ordinary)
-    assert (tmp_path / "killed" / WEIGHTS).read_bytes() == (ordinary / WEIGHTS).read_bytes()
-
-
-def test_a_run_killed_while_it_noted_itself_goes_on(dataset, tmp_path):
-    out = tmp_path / "run"
-    out.mkdir()
-    (out / "run.json.partial").write_text('{"con')
-    result, _ = run(dataset, out, resume=True)
-    assert read_run(out) == result
-    assert (out / WEIGHTS).is_file()
-    assert not list(out.glob("*.partial"))
-
-
-def test_what_a_resumed_run_must_not_change(dataset, ordinary, tmp_path):
-    shutil.copytree(ordinary, tmp_path / "run")
-    with pytest.raises(InputError, match=r"--resume: learning_rate is 0.5, but the run in .* had 0.003"):
-        run(dataset, tmp_path / "run", TINY.model_copy(update={"learning_rate": 0.5}), resume=True)
-
-
-def test_an_infinite_input_stops_with_its_frame_and_keeps_the_weights(dataset, tmp_path, monkeypatch):
-    from trainer.training import datamodule
-
-    class Damaged(datamodule.ShardDataset):
-        def __getitem__(self, index):
-            item = super().__getitem__(index)
-            if item["frame_id"] == 5:
-                item["range_channel"][0, 3, 1] = np.inf
-            return item
-
-    monkeypatch.setattr(datamodule, "ShardDataset", Damaged)
-    with pytest.raises(TrainingStopped, match=r"loss is not finite for frame \[5\] at batch \d; the weights are"):
-        run(dataset, tmp_path / "run", TINY.model_copy(update={"steps": 8, "validate_every": 1}))
-    if (tmp_path / "run" / WEIGHTS).is_file():
-        assert all(torch.isfinite(tensor).all() for tensor in load_file(tmp_path / "run" / WEIGHTS).values())
-
-
-def test_a_damaged_shard_stops_before_training_by_its_path(dataset, tmp_path):
-    copy = shutil.copytree(dataset, tmp_path / "data")
-    shard = copy / "train/part-00000.parquet"
-    content = bytearray(shard.read_bytes())
-    content[len(content) // 2] ^= 1
-    shard.write_bytes(content)
-    with pytest.raises(InputError, match=r"train/part-00000.parquet: sha256 is"):
-        run(copy, tmp_path / "run")
-    assert not (tmp_path / "run").exists()
-
-
-def test_datasets_of_different_radars_are_not_mixed(dataset, tmp_path):
-    other = RADAR.model_copy(update={"waveform": RADAR.waveform.model_copy(update={"bandwidth_hz": 2e9})})
-    frames = {"train": [frame(0, other)], "validation": [frame(1, other)]}
-    second = write_dataset(tmp_path / "other", frames, other)
-    with pytest.raises(InputError, match=r"other: radar 'tiny', waveform.bandwidth_hz = 2000000000.0; expected 10000"):
-        fit(FitRequest([dataset, second], tmp_path / "run", TINY, array="full"))
-
-
-def test_weights_that_are_no_whole_network_of_the_run_are_named(dataset, ordinary, tmp_path):
-    shutil.copytree(ordinary, tmp_path / "run")
-    run(dataset, tmp_path / "wider", TINY.model_copy(update={"width": 8}))
-    path, executed = tmp_path / "run" / WEIGHTS, tmp_path / "executed"
-    whole = path.read_bytes()
-    imager = load_imager(tmp_path / "run")[1]
-
-    class Trap:
-        def __reduce__(self):
-            return open, (str(executed), "w")
-
-    def pickled():
-        torch.save(Trap(), path)
-
-    def not_finite():
-        with torch.no_grad():
-            next(imager.parameters()).fill_(torch.nan)
-        save_weights(tmp_path / "run", imager)
-
-    for spoil, message in (
-        (lambda: path.write_bytes(whole[: len(whole) // 2]), "not readable as safetensors"),
-        (pickled, "not readable as safetensors"),
-        (not_finite, ".* has values that are not finite"),
-        (
-            lambda: path.write_bytes((tmp_path / "wider" / WEIGHTS).read_bytes()),
-            r".* is float32 \[16\]; expected float32",
-        ),
-        (path.unlink, "no such file"),
-    ):
-        spoil()
-        with pytest.raises(InputError, match=f"weights.safetensors: {message}"):
-            load_imager(tmp_path / "run")
-    assert not executed.exists()

@@ -2,7 +2,7 @@
 
 The phase is reduced modulo one cycle in float64 before anything else happens to it: at 77 GHz and 200 m it is 1e5
 cycles, of which float32 would keep 0.008. The polynomials vectorise; calls into libm do not. The error of
-:func:`phasor` is at most 1e-15 over the reduced cycle: ``tests/shared/physics/test_units.py`` compares it with mpmath.
+:func:`phasor` is at most 1e-15 over the reduced cycle: ``tests/shared/physics/test_cycles.py`` compares it with mpmath.
 """
 
 from __future__ import annotations

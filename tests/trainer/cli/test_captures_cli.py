@@ -1,0 +1,102 @@
+"""``trainer import`` and ``calibrate``: from the samples of a board to an image, and what they refuse."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import status
+from oracles import reference_file
+from raw_files import radar_of, scene, write_two_lanes
+
+from shared.signal.imaging import steering_matrix
+from shared.signal.signal import if_signal
+from trainer.captures.cube_file import read_cube
+from trainer.data.measurements import open_measurements
+
+
+def test_from_samples_to_an_image(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The echo that stands is found where it was put, on the right (0.26 left of 0, i.e. u = -0.256), after TDM."""
+    radar = radar_of(tmp_path, "iwr1843", "tx = [1, 3]\n")
+    write_two_lanes(tmp_path / "adc.bin", scene(radar, 2), radar)
+    common = ("--board", "iwr1843", "--radar", tmp_path / "capture.toml")
+    code, said, _ = status(capsys, monkeypatch, "import", tmp_path / "adc.bin", *common, "--out", tmp_path / "cube.npz")
+    assert (code, said.splitlines()[0]) == (
+        0, f"2 frames of 4 chirps x 32 samples x 8 channels (2 TX, 4 RX) in {tmp_path / 'cube.npz'}",
+    )  # fmt: skip
+    found, measurements = open_measurements(tmp_path / "cube.npz", None, "test")
+    first = next(iter(measurements))
+    row = round(float(np.hypot(3.4, 0.9)) / found.waveform.range_step_m)
+    image = np.abs(steering_matrix(found, found.array).T @ first.range_channel[0, row])
+    assert found.grid.u[image.argmax()] == pytest.approx(-0.9 / np.hypot(3.4, 0.9), abs=0.06)
+
+
+def test_calibrate_then_import(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 16-bit samples: what is left of another reflector is quantisation, and the cube has the model error."""
+    monkeypatch.chdir(tmp_path)
+    radar = radar_of(tmp_path, "iwr1642")
+    generator = np.random.default_rng(5)
+    errors = 10.0 ** (generator.normal(0.0, 1.5, 8) / 20.0) * np.exp(1j * np.deg2rad(generator.normal(0.0, 12.0, 8)))
+    for name, place in (("corner.bin", [[2.5, 0.0, 0.0]]), ("other.bin", [[2.7, -0.8, 0.0]])):
+        cube = if_signal(radar, np.array(place), np.zeros((1, 3)), np.ones(1))
+        write_two_lanes(tmp_path / name, np.asarray(cube * errors, dtype=np.complex128)[None], radar)
+    common = ("--board", "iwr1642", "--radar", "capture.toml")
+    angle = np.rad2deg(np.arctan2(-0.8, 2.7))
+    check = ("--check", "other.bin", "--check-range", np.hypot(2.7, 0.8), "--check-angle", angle)
+    stands = ("--range", 2.5, "--angle", 0.0)
+    code, said, _ = status(
+        capsys, monkeypatch, "calibrate", "corner.bin", *common, *stands, *check, "--out", "calibration.toml"
+    )
+    assert code == 0
+    assert said.startswith("8 channels in calibration.toml: gain 1.")
+    arguments = ("--calibration", "calibration.toml", "--out", "cube.npz")
+    code, said, _ = status(capsys, monkeypatch, "import", "other.bin", *common, *arguments)
+    assert code == 0
+    capture = read_cube(tmp_path / "cube.npz", None).capture
+    assert capture is not None
+    assert capture.model_error_db is not None
+    assert capture.model_error_db < -55.0
+    assert f"calibrated; it leaves {capture.model_error_db:.1f} dB of a reflector" in said
+
+
+OPENRADAR = """
+[capture]
+start_frequency_hz = 77.4201e9
+slope_hz_per_s = 60e12
+idle_time_s = 30e-6
+ramp_end_time_s = 62e-6
+samples = 128
+sample_rate_hz = 2.5e6
+chirps = 128
+"""
+
+
+def test_a_public_capture_has_its_echoes_where_they_are_stated_to_be(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """OpenRadar's indoor capture: ranges to 0.1 m, velocities to half a Doppler cell, angles to 1 deg, uncalibrated."""
+    source = reference_file("measured", "openradar", "doppler_example_1.npy")
+    (tmp_path / "capture.toml").write_text(OPENRADAR, encoding="utf-8")
+    options = ("--board", "iwr1642", "--radar", tmp_path / "capture.toml", "--out", tmp_path / "cube.npz")
+    code, said, _ = status(capsys, monkeypatch, "import", source, *options)
+    assert code == 0
+    assert "axes of" in said
+    assert "chirp (tx rx) sample" in said
+    capture = read_cube(tmp_path / "cube.npz", None).capture
+    assert capture is not None
+    assert (capture.scale, capture.dead_channels) == ("relative", ())
+    found, measurements = open_measurements(tmp_path / "cube.npz", None, "test")
+    (frame,) = measurements
+    steering = steering_matrix(found, found.array)
+    for range_m, velocity, angle_deg in ((5.22, 0.0, 2.5), (2.95, 0.56, 7.0), (2.95, -0.48, -15.0)):
+        best: tuple[float, float] = (0.0, np.nan)
+        for row in np.flatnonzero(np.abs(found.waveform.ranges_m - range_m) < 0.1):
+            for peak in np.flatnonzero(np.abs(frame.velocity[:, row] - velocity) < 0.042):
+                image = np.abs(steering.T @ frame.range_channel[peak, row])
+                best = max(best, (float(image.max()), float(np.rad2deg(np.arcsin(found.grid.u[image.argmax()])))))
+        assert best[1] == pytest.approx(angle_deg, abs=1.0)
