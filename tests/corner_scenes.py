@@ -21,6 +21,7 @@ from shared.radar.front_end import Polarization
 
 Real = NDArray[np.float64]
 Sight = Callable[[Real, Real], NDArray[np.bool_]]
+LIGHT_MPS = 299_792_458.0
 HERE = Pose((0.0, 0.0, 0.0))
 NOWHERE = np.zeros(3)
 

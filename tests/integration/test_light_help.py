@@ -46,9 +46,9 @@ def name_of(command: CommandInfo) -> str:
     return command.name or command.callback.__name__
 
 
-def asked(program: str, *pages: str) -> str:
+def asked(program: str, *pages: str, ask: str = ASK) -> str:
     """What a fresh interpreter prints."""
-    command = [sys.executable, "-c", ASK, program, *pages]
+    command = [sys.executable, "-c", ask, program, *pages]
     return subprocess.run(command, capture_output=True, text=True, check=True, encoding="utf-8").stdout
 
 
@@ -60,3 +60,8 @@ def test_help_imports_nothing_that_computes(program: str, app: typer.Typer) -> N
     imported = [line.split()[1:] for line in answer.splitlines() if line.startswith("IMPORTED")]
     for page, names in zip(pages, imported, strict=True):
         assert set(names) - OURS <= COMMAND_LINE, page
+
+
+def test_what_computes_would_be_noticed() -> None:
+    """The question finds numpy where something imports it."""
+    assert "numpy" in asked("trainer", "--help", ask=ASK.replace("main()", "import numpy")).split()

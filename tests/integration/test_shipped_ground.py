@@ -100,3 +100,12 @@ def test_a_populated_scene_has_the_same_bits_on_processors_with_and_without_avx_
     populate = variable("POPULATE").split()[1]
     here = load_scene(source_of(scene), populate=populate).content_hash()
     assert content_of(source_of(scene), populate, "Haswell") == here
+
+
+def test_ground_of_other_traffic_may_be_cut_elsewhere() -> None:
+    """Which is why it is looked at: bare, the canyon's region of training reaches into the example's test region."""
+    bare, example = (
+        sensor_ground(load_scene(SCENES[1], populate=text)) for text in (None, variable("POPULATE").split()[1])
+    )
+    assert not apart(bare, example)
+    assert apart(example, example)

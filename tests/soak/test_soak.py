@@ -1,12 +1,17 @@
-"""A small share of ``make soak``: kills at random points of render and trace, and their resumes."""
+"""A small share of ``make soak``: kills at random points of render and trace, and their resumes; what counts as a
+hang."""
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
 from pathlib import Path
 
 import pytest
 import soak_commands
-from soak.soak import soak
+from soak import soak as driver
+from soak.soak import soak, wants_the_processor
 
 
 @pytest.mark.parametrize(
@@ -34,3 +39,19 @@ def test_a_run_on_a_cluster_survives_the_loss_of_a_node(tmp_path: Path, monkeypa
     (tally,) = soak(1, ["ray"], tmp_path, seed=2).values()
     assert tally.kills["node"] == 1
     assert tally.clean
+
+
+@pytest.mark.parametrize(("worker", "works"), [("sleep 600", False), ("while :; do :; done", True)])
+def test_only_a_command_whose_processes_all_sleep_hangs(
+    worker: str, works: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(driver, "LOOK_S", 0.01)
+    process = subprocess.Popen(["sh", "-c", f"({worker}) & wait"], start_new_session=True)
+    try:
+        # Both processes run for a moment as they start.
+        assert any(wants_the_processor(process.pid) == works for _ in range(20))
+        if works:
+            assert wants_the_processor(process.pid)
+    finally:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()

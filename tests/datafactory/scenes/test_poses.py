@@ -118,6 +118,13 @@ def test_no_free_cell_is_on_a_roof_or_near_anything(town):
         assert nearest >= CLEARANCE_M, item.name
 
 
+def test_most_of_the_street_is_free(town):
+    """The middle of the street, away from car and pole: a rule that refuses everything fails here."""
+    x, y = free_centres(town)
+    street = (np.abs(y) < 1.0) & (x > -90) & (x < -10)
+    assert np.count_nonzero(street) * town.cell_m**2 > 0.95 * 2.0 * 80.0
+
+
 def test_roofs_are_not_ground_even_where_they_are_the_larger_part():
     """A flat hall that covers most of a small plate: the street around it is the ground."""
     hall = box("hall", (-40.0, -30.0, 0.0), (40.0, 30.0, 8.0))

@@ -9,7 +9,7 @@ import pytest
 from pxr import Gf, Usd, UsdGeom
 from usd_files import CUBE, METRES_Z_UP, MOVING, SPLINE, cube, ops, read, write_usda
 
-from datafactory.scenes.chain import Chain
+from datafactory.scenes.chain import Chain, Operation, Samples
 from datafactory.scenes.motion import Moving
 from datafactory.scenes.readers.common import Notes
 from datafactory.scenes.readers.usd import read_usd
@@ -221,3 +221,26 @@ def test_a_chain_is_what_usd_evaluates_and_its_rate_the_difference(kind: str, in
         # One sided, to the right, as the rate at a sample is that of the interval that begins there.
         one, two = (chain.at(time + steps * STEP_S)[0] for steps in (1, 2))
         np.testing.assert_allclose(rate, (4.0 * one - 3.0 * ours - two) / (2.0 * STEP_S), atol=1e-5 * scale)
+
+
+def test_a_turn_of_many_rounds_between_two_samples_is_not_lost() -> None:
+    wheel = Operation("rotate", Samples(np.array([0.0, 1.0]), np.array([[0.0], [3600.0]])), "X")
+    assert wheel.turns
+    _, rate = Chain((wheel,)).at(0.2)
+    np.testing.assert_allclose(rate[1:3, 1:3], [[0.0, -20.0 * np.pi], [20.0 * np.pi, 0.0]], rtol=0, atol=1e-9)
+
+
+def test_a_jump_has_no_rate() -> None:
+    jump = Samples(np.array([0.0, 1.0, 1.0, 2.0]), np.array([[0.0], [0.0], [8.0], [9.0]]))
+    assert [float(jump.at(time)[0][0]) for time in (0.5, 0.999, 1.0, 1.5)] == pytest.approx([0.0, 0.0, 8.0, 8.5])
+    assert [float(jump.at(time)[1][0]) for time in (0.5, 1.0, 2.0, 5.0)] == pytest.approx([0.0, 1.0, 0.0, 0.0])
+
+
+def test_constants_become_one_and_only_operations_move() -> None:
+    moved = Operation("translate", Samples(np.array([0.0, 2.0]), np.array([[0.0, 0, 0], [4.0, 0, 0]])))
+    chain = Chain().then(2.0 * np.eye(4), np.eye(4), moved, np.eye(4), np.eye(4))
+    assert len(chain.factors) == 3
+    assert chain.moves
+    assert not chain.turns
+    assert chain.times().tolist() == [0.0, 2.0]
+    assert not Chain((np.eye(4), Operation("scale", Samples(np.zeros(1), np.array([[1.0, 2.0, 3.0]]))))).moves

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from usd_files import CUBE, area, ops, read, signed_volume, write_usda
+from usd_files import CUBE, area, ops, read, signed_volume, translated, write_usda
 
 from datafactory.scenes.readers.common import CHORD_ERROR, Notes, sphere
 from datafactory.scenes.readers.usd_prims import triangulate
@@ -154,6 +154,13 @@ def test_missing_units_and_axis_are_usd_defaults_and_said(tmp_path: Path) -> Non
     assert np.ptp(scene.objects[0].vertices) == pytest.approx(0.02)
     assert any("no metersPerUnit" in warning for warning in scene.warnings)
     assert any("no upAxis" in warning for warning in scene.warnings)
+
+
+def test_y_up_is_turned_to_z_up_without_a_mirror(tmp_path: Path) -> None:
+    body = f'def Mesh "m" {{\n{CUBE}\n{translated(10, 20, 30)}}}'
+    item = read(tmp_path, body, 'metersPerUnit = 1\n upAxis = "Y"').objects[0]
+    np.testing.assert_allclose(item.vertices.mean(axis=0), [10, -30, 20])
+    assert signed_volume(item) == pytest.approx(8.0)
 
 
 @pytest.mark.parametrize(

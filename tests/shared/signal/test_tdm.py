@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles import receiver_noise
+from oracles import receiver_noise, reference_file
 
 from shared.radar import Radar, load_radar
 from shared.radar.arrays import AntennaArray, line
@@ -235,6 +235,30 @@ def test_the_statement_says_what_is_resolved():
     told = str(statement(tdm_radar(array=OVERLAPPED)))
     assert "resolve 3 Doppler intervals of 16 m/s; velocities hold from -24 to 24 m/s" in told
     assert "\n" not in told
+
+
+def test_a_real_capture_shows_the_reflector_and_both_movers():
+    # 77 GHz, 2 TX in turns x 4 RX, 60 MHz/us, 2.5 Msps, idle 30 us and ramp 62 us; elements run to the right.
+    raw = np.load(reference_file("measured", "openradar", "doppler_example_1.npy"))  # [chirp, TX x RX, sample]
+    signed = raw.real.astype(np.uint16).astype(np.int16) + 1j * raw.imag.astype(np.uint16).astype(np.int16)
+    duration = 128 / 2.5e6
+    waveform = Waveform(
+        carrier_hz=77.4201e9, bandwidth_hz=60e12 * duration, chirp_duration_s=duration, chirp_interval_s=184e-6,
+        chirps=128, samples=128, range_bins=128, multiplexing="tdm",
+    )  # fmt: skip
+    half = 0.5 * waveform.wavelength_m
+    array = AntennaArray(tx_m=line(-half * np.array([0.0, 4.0])), rx_m=line(-half * (np.arange(4.0) - 1.5)))
+    radar = Radar(waveform=waveform, array=array)
+    cube = signed.reshape(128, 2, 4, 128).transpose(0, 3, 2, 1).reshape(128, 128, 8)  # rx-major
+    selection = unfold(select_doppler(range_doppler(cube.astype(np.complex64), radar), 0.0), radar)
+    velocity = selection.velocities_mps(waveform)
+    for range_m, rate, angle_deg in ((5.22, 0.0, 2.5), (2.93, 0.56, 7.0), (2.98, -0.48, -15.0)):
+        row = round(range_m / waveform.range_step_m)
+        peak = int(np.abs(velocity[:, row] - rate).argmin())
+        assert velocity[peak, row] == pytest.approx(rate, abs=0.51 * waveform.velocity_step_mps)
+        u, _ = lobes(selection.range_channel[peak, row], array.virtual[:, 1], waveform.wavelength_m)
+        assert np.degrees(np.arcsin(u)) == pytest.approx(angle_deg, abs=1.0)
+    assert "nothing resolves" in str(statement(radar))
 
 
 def test_where_only_half_of_the_intervals_are_told_apart_the_slower_one_is_taken():

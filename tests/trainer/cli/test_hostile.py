@@ -41,6 +41,13 @@ def test_a_run_that_is_nested_deeply_or_asks_for_much_is_one_line(tmp_path, caps
         assert line.startswith(f"trainer: {run}/run.json: {message}"), line
 
 
+def test_a_manifest_that_is_nested_deeply_is_one_line(tmp_path, capsys, monkeypatch):
+    (tmp_path / "manifest.json").write_text('{"a":' * 200_000)
+    code, _, line = status(capsys, monkeypatch, "fit", tmp_path, "--out", tmp_path / "out")
+    assert (code, line.count("\n")) == (2, 1)
+    assert line.startswith(f"trainer: {tmp_path}/manifest.json: not readable as JSON")
+
+
 class Trap:
     """Opens a file where it is unpickled."""
 

@@ -229,6 +229,26 @@ def test_no_bin_is_lost_where_bins_outnumber_pixels(opened):
     assert drawn.sum() == (truth == 255).sum()
 
 
+def test_zero_is_not_called_negative(opened):
+    """Labels are pixels: they are caught on their way into the canvas."""
+    radar = Radar(name="avr-qdm-110")
+    truth = np.zeros((radar.waveform.range_bins, radar.grid.bins), np.uint8)
+    page = opened(html([ReportFrame("empty", 1, {"das full": truth, "truth": truth})], radar))
+    labels = page.evaluate(
+        """async () => {
+            const texts = [], draw = CanvasRenderingContext2D.prototype.fillText;
+            CanvasRenderingContext2D.prototype.fillText = function (text, ...place) {
+              texts.push(text);
+              return draw.call(this, text, ...place);
+            };
+            await refresh();
+            return texts;
+        }"""
+    )
+    assert "0.0" in labels
+    assert "-0.0" not in labels
+
+
 def test_a_page_without_frames_still_has_its_table(opened):
     page = opened(html([]))
     assert not page.locator("#look").is_visible()

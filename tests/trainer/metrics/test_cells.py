@@ -186,6 +186,21 @@ def test_matching_is_the_best_at_every_threshold(seed: int) -> None:
 # What the metric must say
 
 
+def test_the_truth_scores_one_and_an_empty_image_nothing() -> None:
+    frames = [far(smooth((60, 90), seed)) for seed in range(4)]
+    ceiling = pooled([scores(truth, truth, noise_power=0.1) for truth in frames])
+    assert ceiling.truths.min() > 100
+    assert ceiling.average_precision() == 1.0
+    assert ceiling.values((0.0,))[1] == 1.0
+    empty = pooled([scores(truth, np.zeros_like(truth), noise_power=0.1) for truth in frames])
+    assert empty.average_precision() == 0.0
+    assert empty.values((100.0,))[1] == 0.0
+    assert [curve.tolist() for curve in empty.curve()] == [[], []]
+    # Neither depends on the unit of the images.
+    tiny = [scores(1e-9 * truth, 1e-9 * truth, noise_power=1e-19) for truth in frames]
+    assert pooled(tiny).average_precision() == 1.0
+
+
 def test_noise_alone_has_the_expected_number_of_false_alarms() -> None:
     """Of independent pixels one in nine is the largest of its window, one in six at an edge, one in four in a corner.
     Of the inner ones (1 - F^9) / 9 also exceed a level that a pixel stays below with the probability F."""
@@ -253,9 +268,6 @@ def test_average_precision_by_hand() -> None:
     twice = pooled([CellScores(np.array([5.0, 3.0, 1.0]), np.array([4.0, 3.0]), 4)] * 2)
     assert twice.average_precision() == pytest.approx(ranking.average_precision())
     assert twice.values((1,))[1] == 0.25
-    nothing = pooled([CellScores(np.empty(0), np.empty(0), 4)])
-    assert nothing.values((100,)).tolist() == [0.0, 0.0]
-    assert [curve.tolist() for curve in nothing.curve()] == [[], []]
 
 
 def some_frames(count: int, seed: int, detections: int = 30) -> list[CellScores]:

@@ -1,4 +1,4 @@
-"""Detections: the paper's rules by hand and row by row."""
+"""Detections: a perfect image, an empty one, white noise, the paper's rules by hand and row by row."""
 
 from __future__ import annotations
 
@@ -37,6 +37,16 @@ def sweep(
 
 def strict(estimate: NDArray, truth: NDArray, d_max: float = 2) -> Counts:
     return strict_counts(find_image_peaks(estimate).above(0.05), find_image_peaks(truth).above(0.05), d_max)
+
+
+def test_a_perfect_image_detects_all_and_nothing_else() -> None:
+    for counts in (*sweep(TRUTH, TRUTH, (0.0, 0.3)), strict(TRUTH, TRUTH)):
+        assert (counts.tp, counts.fp, counts.fn) == (6, 0, 0)
+
+
+def test_an_empty_image_scores_zero() -> None:
+    for counts in (*sweep(np.zeros_like(TRUTH), TRUTH, (0.0,)), strict(np.zeros_like(TRUTH), TRUTH)):
+        assert (counts.tp, counts.fp, counts.fn) == (0, 0, 6)
 
 
 def count_as_the_paper(detected: NDArray, true: NDArray, d_max: float, bins: int) -> Counts:

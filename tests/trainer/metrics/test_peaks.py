@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from paper_arrays import ARRAYS, RADAR, U, deterministic_bound, echoes, noise
+from paper_arrays import ARRAYS, RADAR, U, deterministic_bound, echoes, half_wavelength_line, noise
 
 from shared.signal.windows import angle_window
 from shared.signal.windows import point_spread as window_point_spread
@@ -18,6 +21,18 @@ from trainer.metrics.peaks import (
     single_source_bound,
     strongest_peaks,
 )
+
+VECTORS = Path(__file__).resolve().parents[3] / ".." / "shared" / "data" / "vectors" / "doatools_vectors.json"
+
+
+@pytest.mark.skipif(not VECTORS.is_file(), reason="no reference material beside the checkout")
+def test_the_reference_bound_is_that_of_doatools() -> None:
+    # Their manifold turns the other way: their angle theta is ours at -theta, and d theta = du / cos(theta).
+    vectors = json.loads(VECTORS.read_text(encoding="utf-8"))
+    angles = np.linspace(-np.pi / 3, np.pi / 4, 3)
+    sources = np.array(vectors["P_re"]) + 1j * np.array(vectors["P_im"])
+    found = deterministic_bound(half_wavelength_line(10), -np.sin(angles), sources, 1.0, 100)
+    np.testing.assert_allclose(found / np.outer(np.cos(angles), np.cos(angles)), vectors["crb_det"], rtol=1e-6)
 
 
 def test_the_bound_of_one_source_is_the_general_one_and_that_of_a_filled_line() -> None:
@@ -59,6 +74,9 @@ def test_false_alarms_of_delay_and_sum_are_those_of_rice() -> None:
     expected = np.sqrt(-np.log(probability)) * beta * 1.7 / np.sqrt(np.pi) * probability
     assert false_alarms(image, level) / rows == pytest.approx(expected, rel=0.15)
     assert false_alarms(np.zeros((3, 50)), level) == 0
+
+
+BINS = len(U)
 
 
 def beam(array: LineArray, u_true: float, u: NDArray[np.float64] = U) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""The verdict: its numbers are those of the evaluation, its sentence follows from them."""
+"""The verdict: a perfect image scores 0 and 1, an empty one 1 and 0, and the numbers are those of the definition."""
 
 import json
 from dataclasses import replace
@@ -68,10 +68,30 @@ class Das(torch.nn.Module):
         return features[:, 2:3].sqrt()
 
 
+class Nothing(torch.nn.Module):
+    def forward(self, features):
+        return torch.zeros_like(features[:, :1])
+
+
 def verdict_of(run, datasets):
     found = judge(run, datasets, announce=str)
     assert found is not None
     return found
+
+
+def test_a_perfect_imager_has_no_error_and_all_the_precision_and_an_empty_one_finds_nothing(tmp_path, monkeypatch):
+    data, run = strong_dataset(tmp_path / "data"), make_run(tmp_path / "run")
+    loader(monkeypatch, detect=answers(level(strong_frame(200))))
+    found = verdict_of(run, [data])
+    assert found.nmse["network"] < 1e-12
+    assert found.average_precision["network"] > 0.98
+    assert found.average_precision["truth"] > 0.98
+    assert found.average_precision["das"] < 0.9
+    loader(monkeypatch, Nothing())
+    found = verdict_of(run, [data])
+    assert found.nmse["network"] == 1.0
+    assert found.average_precision["network"] == 0.0
+    assert found.average_precision["truth"] > 0.98
 
 
 def test_delay_and_sum_as_a_network_scores_as_delay_and_sum_and_its_gain_multiplies_it(tmp_path, monkeypatch):

@@ -26,7 +26,7 @@ KEPT_ANGLES = 48
 LEAST_APART = 1e-4
 """Least share of a pair's lines outside each other that is told from rounding."""
 OFF_GRID = 0.1
-"""Share of its energy that a pair between grid angles may gain by being refined, at most."""
+"""Share of what lines explain, that they may gain at most by being refined where they stood at grid angles."""
 
 
 @part

@@ -67,10 +67,10 @@ one bin; and in a group at the nearest whole bin too: half-way between bins that
 ROUNDS = 8
 """In which lines of a single bin are added, removed and replaced, at most: what removes or replaces a line makes room
 for others. They end by themselves, as each lowers the cost. With 3 five of 8960 drawn rows of one to eight lines end at
-a worse optimum, with 1 eighty."""
+a worse optimum, with 1 eighty: docs/notes/points.md, rows that begin elsewhere."""
 STARTS = 8
 """Angles from which a row is fitted again, at most: 136 of those rows end at a better optimum with another number of
-lines (with 4 it is 113), and the plain fit's do as well."""
+lines, with 4 it is 113, and the plain fit's do as well."""
 FEW = 6
 """Lines, up to which splits are tried where adding one would do. With 3 five of 1280 rows of one to eight lines have
 another number than the plain fit finds, with 5 one of 160 (``tests/trainer/estimators/test_fitting.py``)."""
