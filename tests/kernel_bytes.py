@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from datafactory.paths import corner_aperture, facets, geometry, thinning
 from datafactory.paths.rims import Rim
-from datafactory.synthesis import doppler_moments, frame_lines, lines, mid_frame, spread
+from datafactory.synthesis import doppler_moments, frame_lines, lines, lines_at_centres, mid_frame, spread
 from shared.signal import near_field_kernels
 from trainer.estimators.array import LineArray
 from trainer.estimators.fitting import GroupTest, RangePlace, fit_groups, fit_lines
@@ -67,15 +67,15 @@ def along_lines() -> Arrays:
     cells, taps, terms, powers, line_taps = 128, 5, 4, 10, 8
     grid = spread.aligned((40, 3 * rx.shape[1] // spread.LANES, cells + taps - 1, 2, spread.LANES), np.float32)
     grid.fill(0.0)
-    paths = lines.Paths(
+    paths = lines_at_centres.Paths(
         table(), draw.uniform(-10.0, 10.0, PATHS), draw.integers(0, 40 - line_taps, PATHS),
         draw.uniform(-0.1, 0.1, (6, PATHS)),
     )  # fmt: skip
-    weights = lines.Weights(
+    weights = lines_at_centres.Weights(
         node, draw.standard_normal((line_taps * powers * 2, 2 * len(node))),
         draw.standard_normal((taps, terms)).astype(np.float32),
     )  # fmt: skip
-    forms = tuple((0,) * count for count in (taps, terms, 3, powers, 2))
+    forms = lines.Forms(taps, terms, 3, powers, lines_at_centres.CLOSE_PARTS)
     sweep = spread.Sweep(*SWEEP, 1.5, cells, 1e-2, 5e-3, 6e-3, BANDWIDTH_HZ / REFERENCE_HZ)
     lines.add_lines(paths, spread.Sensor(tx, rx, CENTRE, CENTRE, 0), sweep, weights, forms, grid)
     yield grid

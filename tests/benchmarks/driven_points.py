@@ -1,17 +1,20 @@
 """What a list of points finds of a drive, by cells, and whether its probabilities hold: docs/notes/points.md.
 
-    python tests/benchmarks/driven_points.py PATHS CUBES [--model sparse6] [--false-alarms 1]
+    python tests/benchmarks/driven_points.py PATHS CUBES [--model sparse6] [--false-alarms 1]...
 
 PATHS is a folder of ``datafactory trace``, CUBES what ``render --paths PATHS --store cube`` made of it. The truth is
 the power that the frame's paths put into each cell of range, Doppler and u (a resolution cell of the full array): the
 cells that are largest among their neighbours, and whose power the array sees at 13 dB over the noise, its channels
-added. Printed for ``--cells peaks`` and ``all``: the share of these cells that a line stands in, or beside; lines a
+added; and of each thing (car, walker, pole) that is so strong the cell that its own paths put most into. Printed for
+``--cells peaks`` and ``all``: the shares of these cells and of these things that a line stands in, or beside; lines a
 frame with no path's power nearby; how many lines are true, by the probability that they were given; and the constants
 of :mod:`trainer.run.certainty` that fit these lines best.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Annotated
 
@@ -43,30 +46,38 @@ def main(
     paths: Path,
     cubes: Path,
     model: Annotated[str, typer.Option()] = "sparse6",
-    false_alarms: Annotated[float, typer.Option()] = FALSE_ALARMS,
+    false_alarms: Annotated[list[float], typer.Option()] = [FALSE_ALARMS],  # noqa: B006
 ) -> None:
-    for cells in (PEAKS, ALL):
+    for cells, allowed in product((PEAKS, ALL), false_alarms):
         radar, measurements = open_measurements(cubes, None, "all", cells)
-        predictor = Predictor.load(model, radar, PointsRequest(false_alarms, cells))
+        predictor = Predictor.load(model, radar, PointsRequest(allowed, cells))
         noise = cell_noise_power(radar) / predictor.answer.line.channels
         traced = {f.frame_id: f for file in sorted(paths.glob("**/*.parquet")) for f in read_paths(file)}
-        found, false, lines, told = [], [], [], []
+        found, things, false, lines, told = [], [], [], [], []
         for measurement in measurements:
-            power = path_power(traced[measurement.frame_id], radar)
+            paths_of = EchoCells.of(traced[measurement.frame_id], radar)
+            power = paths_of.power()
             seen = predictor(measurement).points
             assert seen is not None
             place = cells_of(seen, radar)
             listed = np.zeros(power.shape, dtype=bool)
             listed[place] = True
             peaks = (power == maximum_filter(power, AROUND, mode="wrap")) & (power > noise * 10.0 ** (TOLD_DB / 10.0))
-            found.append(maximum_filter(listed, AROUND, mode="wrap")[peaks])
+            beside = maximum_filter(listed, AROUND, mode="wrap")
+            found.append(beside[peaks])
+            for thing in traced[measurement.frame_id].things:
+                own = paths_of.power(thing.indices)
+                strongest = np.unravel_index(own.argmax(), own.shape)
+                if own[strongest] > noise * 10.0 ** (TOLD_DB / 10.0):
+                    things.append(beside[strongest])
             true = (maximum_filter(power, AROUND, mode="wrap") > noise * 10.0 ** (THERE_DB / 10.0))[place]
             false.append(np.count_nonzero(~true))
             lines.append(len(seen))
             told.append(np.stack([seen.probability, seen.snr_db, true]))
         share, count = np.concatenate(found).mean(), len(np.concatenate(found)) / len(found)
         print(
-            f"{cells}: {share:.3f} of {count:.0f} cells a frame, {np.mean(lines):.0f} lines, {np.mean(false):.1f} false"
+            f"{cells}, {allowed:g} asked for: {share:.3f} of {count:.0f} cells a frame, {np.sum(things)} of "
+            f"{len(things)} things, {np.mean(lines):.0f} lines, {np.mean(false):.1f} false"
         )
         probability, snr_db, truth = np.concatenate(told, axis=1)
         for low, high in BANDS:
@@ -101,24 +112,44 @@ def fitted_constants(
     return np.round(found / np.array([1.0, 10.0, 1.0])[: len(found)], 3)
 
 
-def path_power(traced: TracedFrame, radar: Radar) -> NDArray[np.float64]:
-    """[R, chirps, U] power of a frame's paths in each cell [W], u in resolution cells of the full array."""
-    table = traced.table.at_wavelength(traced.wavelength_m, radar.waveform.wavelength_m).within(radar)
-    table = table.illuminated(radar.front_end)
-    array, waveform = radar.virtual_sensor, radar.waveform
-    both = ScatteredPaths.joined([table.scattered, table.specular.as_scattered(array.tx[0])])
-    mid = at_mid_frame(both, radar, array.tx[0], array.rx.mean(axis=0), False)
-    power = np.zeros((waveform.range_bins, waveform.chirps, u_cells(radar)))
-    row = np.rint(mid.range_bins).astype(int)
-    doppler = (np.rint(mid.doppler).astype(int) + waveform.chirps // 2) % waveform.chirps
-    angle = u_cell(mid.rx_point[:, 1] / np.linalg.norm(mid.rx_point, axis=1), radar)
-    inside = (row >= 0) & (row < len(power))
-    np.add.at(power, (row[inside], doppler[inside], angle[inside]), np.abs(mid.amplitude[inside]) ** 2)
-    return power
+@dataclass(frozen=True)
+class EchoCells:
+    """The cells in which a frame's paths stand.
+
+    :param place: [3, K] of range, Doppler and u, in resolution cells of the full array; :param watts: [K]
+    :param thing: [K] index of the object, negative for none; :param shape: how many cells there are
+    """
+
+    place: NDArray[np.intp]
+    watts: NDArray[np.float64]
+    thing: NDArray[np.int32]
+    shape: tuple[int, int, int]
+
+    @classmethod
+    def of(cls, traced: TracedFrame, radar: Radar) -> EchoCells:
+        """Those within the radar's ranges."""
+        table = traced.table.at_wavelength(traced.wavelength_m, radar.waveform.wavelength_m).within(radar)
+        table = table.illuminated(radar.front_end)
+        array, waveform = radar.virtual_sensor, radar.waveform
+        both = ScatteredPaths.joined([table.scattered, table.specular.as_scattered(array.tx[0])])
+        mid = at_mid_frame(both, radar, array.tx[0], array.rx.mean(axis=0), False)
+        row = np.rint(mid.range_bins).astype(int)
+        doppler = (np.rint(mid.doppler).astype(int) + waveform.chirps // 2) % waveform.chirps
+        angle = u_cell(mid.rx_point[:, 1] / np.linalg.norm(mid.rx_point, axis=1), radar)
+        inside = (row >= 0) & (row < waveform.range_bins)
+        shape = (waveform.range_bins, waveform.chirps, u_cells(radar))
+        place, watts = np.stack([row, doppler, angle])[:, inside], np.abs(mid.amplitude[inside]) ** 2
+        return cls(place, watts, both.object_index[inside], shape)
+
+    def power(self, things: tuple[int, ...] | None = None) -> NDArray[np.float64]:
+        """[R, chirps, U] power of the paths in each cell [W]; of those of some things alone, or of all."""
+        power, chosen = np.zeros(self.shape), slice(None) if things is None else np.isin(self.thing, things)
+        np.add.at(power, tuple(self.place[:, chosen]), self.watts[chosen])
+        return power
 
 
 def cells_of(seen: Detections, radar: Radar) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-    """The cell of :func:`path_power` in which each line stands."""
+    """The cell in which each line stands."""
     waveform = radar.waveform
     row = np.clip(np.rint(seen.range_m / waveform.range_step_m).astype(int), 0, waveform.range_bins - 1)
     doppler = np.rint(seen.velocity / waveform.velocity_step_mps).astype(int) + waveform.chirps // 2

@@ -213,7 +213,8 @@ def all_strips(triangles, order, starts, pairs, origin, along, across):
                 found, owner = np.concatenate((found, np.zeros_like(found))), np.concatenate((owner, owner))
                 sides = np.concatenate((sides, sides))
             for s in range(len(pieces)):
-                found[count], owner[count] = pieces[s], p
-                sides[count, 0], sides[count, 1] = side_first, side_second
+                for k in range(6):  # an assignment of rows takes seconds to compile
+                    found[count, k] = pieces[s, k]
+                owner[count], sides[count, 0], sides[count, 1] = p, side_first, side_second
                 count += 1
     return found[:count].copy(), owner[:count].copy(), sides[:count].copy()

@@ -144,9 +144,13 @@ def _quarters(triangles, order, starts, triples, apex, edges, normals):
             flat = flattened(triangles, members, apex[m], one, across)
             turned = np.empty_like(flat)
             for quarter in range(4):
-                turned[:, :, 0] = flat[:, :, 0] * (1.0 - 2.0 * (quarter // 2))
-                turned[:, :, 1] = flat[:, :, 1] * (1.0 - 2.0 * (quarter % 2)) * np.sign(sense)
-                result[m, i, quarter] = reach_around(_near(turned), angles)
+                for t in range(len(flat)):
+                    for c in range(3):
+                        turned[t, c, 0] = flat[t, c, 0] * (1.0 - 2.0 * (quarter // 2))
+                        turned[t, c, 1] = flat[t, c, 1] * (1.0 - 2.0 * (quarter % 2)) * np.sign(sense)
+                reach = reach_around(_near(turned), angles)
+                for n in range(DIRECTIONS):
+                    result[m, i, quarter, n] = reach[n]
     return result
 
 

@@ -124,9 +124,7 @@ def _strips(first, second, corners, side_first, side_second):
             if max(min(one_low, two_low), min(one_high, two_high)) <= 0.0:
                 continue
             if count == len(found):
-                larger = np.zeros((2 * count, 6))
-                larger[:count] = found
-                found = larger
+                found = np.concatenate((found, np.zeros_like(found)))
             found[count, 0], found[count, 1] = low, high
             found[count, 2], found[count, 3] = one_low, one_high
             found[count, 4], found[count, 5] = two_low, two_high

@@ -118,8 +118,10 @@ def _factors(order, starts, power, most, shift):
     :param order: paths, cell by cell, rising within a cell; :param starts: of the cells in ``order``, and its end
     :param shift: of each cell's systematic sampling, 0 to 1
     """
-    factor = np.zeros(len(power))
-    large = np.zeros(np.diff(starts).max(), dtype=np.bool_)
+    factor, widest = np.zeros(len(power)), 0
+    for number in range(len(starts) - 1):
+        widest = max(widest, starts[number + 1] - starts[number])
+    large = np.zeros(widest, dtype=np.bool_)
     for number in range(len(starts) - 1):
         first, last = starts[number], starts[number + 1]
         count = last - first

@@ -21,7 +21,8 @@ from jaxtyping import Complex64, Float32, Float64, Int64
 from threadpoolctl import threadpool_limits
 
 from datafactory.synthesis.chirps import range_weights, terms_for
-from datafactory.synthesis.lines import Paths, Weights, add_lines
+from datafactory.synthesis.lines import Forms, add_lines
+from datafactory.synthesis.lines_at_centres import CLOSE_PARTS, Paths, Weights
 from datafactory.synthesis.motion import Motion, Part, Recording, centre, motion_of
 from datafactory.synthesis.slow_time import (
     LINE_OVERSAMPLING,
@@ -184,8 +185,9 @@ def _spread(
     sensor = Sensor(array.tx[part.tx], padded(rx), centre(array.tx), centre(rx), part.tx.start)
     sweep = recording.sweep(plan.cells / waveform.samples, plan.cells, float(part.start[waveform.chirps // 2]))
     weights = Weights(line.node, element_weights(line, reach, group.terms), plan.weights)
-    forms = *plan.weights.shape, group.orders, group.terms, 2 if group.close else 1
-    add_lines(paths, sensor, sweep, weights, tuple((0,) * form for form in forms), grid)
+    (taps, powers), parts = plan.weights.shape, CLOSE_PARTS if group.close else 1
+    forms = Forms(taps, powers, group.orders, group.terms, parts)
+    add_lines(paths, sensor, sweep, weights, forms, grid)
 
 
 def _fast_time(
