@@ -5,7 +5,8 @@
 PATHS is a folder of ``datafactory trace``, CUBES what ``render --paths PATHS --store cube`` made of it. The truth is
 the power that the frame's paths put into each cell of range, Doppler and u (a resolution cell of the full array): the
 cells that are largest among their neighbours, and whose power the array sees at 13 dB over the noise, its channels
-added; and of each thing (car, walker, pole) that is so strong the cell that its own paths put most into. Printed for
+added; and of each thing (car, walker, pole) that is so strong the cell that its own paths put most into. Both count
+within the image's field of view: what stands beyond is not listed. Printed for
 ``--cells peaks`` and ``all``: the shares of these cells and of these things that a line stands in, or beside; lines a
 frame with no path's power nearby; how many lines are true, by the probability that they were given; and the constants
 of :mod:`trainer.run.certainty` that fit these lines best.
@@ -53,6 +54,7 @@ def main(
         predictor = Predictor.load(model, radar, PointsRequest(allowed, cells))
         noise = cell_noise_power(radar) / predictor.answer.line.channels
         traced = {f.frame_id: f for file in sorted(paths.glob("**/*.parquet")) for f in read_paths(file)}
+        visible = in_view(radar)
         found, things, false, lines, told = [], [], [], [], []
         for measurement in measurements:
             paths_of = EchoCells.of(traced[measurement.frame_id], radar)
@@ -64,11 +66,11 @@ def main(
             listed[place] = True
             peaks = (power == maximum_filter(power, AROUND, mode="wrap")) & (power > noise * 10.0 ** (TOLD_DB / 10.0))
             beside = maximum_filter(listed, AROUND, mode="wrap")
-            found.append(beside[peaks])
+            found.append(beside[peaks & visible])
             for thing in traced[measurement.frame_id].things:
                 own = paths_of.power(thing.indices)
                 strongest = np.unravel_index(own.argmax(), own.shape)
-                if own[strongest] > noise * 10.0 ** (TOLD_DB / 10.0):
+                if visible[strongest[-1]] and own[strongest] > noise * 10.0 ** (TOLD_DB / 10.0):
                     things.append(beside[strongest])
             true = (maximum_filter(power, AROUND, mode="wrap") > noise * 10.0 ** (THERE_DB / 10.0))[place]
             false.append(np.count_nonzero(~true))
@@ -159,6 +161,13 @@ def cells_of(seen: Detections, radar: Radar) -> tuple[NDArray[np.intp], NDArray[
 def u_cells(radar: Radar) -> int:
     """From u = -1 to 1: of 2 / C, what C channels half a wavelength apart resolve."""
     return radar.array.channels
+
+
+def in_view(radar: Radar) -> NDArray[np.bool_]:
+    """[U] whether a cell's middle lies in the image."""
+    count = u_cells(radar)
+    middle = (np.arange(count) + 0.5) / count * 2.0 - 1.0
+    return (middle >= radar.grid.u[0]) & (middle <= radar.grid.u[-1])
 
 
 def u_cell(u: NDArray[np.floating], radar: Radar) -> NDArray[np.intp]:

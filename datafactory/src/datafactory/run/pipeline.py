@@ -97,7 +97,7 @@ def produce(recipe: Recipe, execution: Execution, started: float) -> Report:
     right_angles, truth = job.scenes and job.of_scenes.trace.corners, not job.paths_alone and job.settings.device == CPU
     dear = [kernel for kernel, used in ((all_strips, right_angles), (add_doppler_moments, truth)) if used]
     if todo and not all(map(is_kept, dear)):
-        execution.announce("what makes frames is compiled for this machine, once; that takes a minute or more")
+        execution.announce("what makes frames is compiled for this machine, once; that takes about a minute")
     for scene in job.scenes if todo else ():  # found here once for all workers
         find_shapes(scene.merged, job.of_scenes.trace)
     portions = portions_of(todo, execution.engine.at_a_time(execution.workers))

@@ -28,15 +28,16 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float32
 
-from datafactory.synthesis.lines_at_centres import Paths, Weights, empty_centres, see_from_centres
+from datafactory.synthesis.lines_at_centres import CHUNK, Paths, Weights, see_from_centres
 from datafactory.synthesis.spread import LANES, Sensor, Sweep
 from shared.physics.compiled import compiled, inlined
 from shared.physics.cycles import phasor_like
 from shared.physics.units import SPEED_OF_LIGHT
 
 _FAST = {"contract", "nsz", "arcp"}
-AT_ONCE = 1024
-"""Paths whose centres are seen, then their elements: enough not to notice the calls, few enough to stay in cache."""
+AT_ONCE = 16
+"""Chunks of paths whose centres are seen, then their elements: enough not to notice two calls, few enough to stay in
+the cache."""
 _RE, _IM, _BINS, _D, _Q, _C = (LANES * n for n in range(6))
 """Where the parts of what elements see of a path stand in one array, so that the compiler sees that they do not
 overlap: the phasor at mid-frame; range [bins], d, q and c [cycles] beyond the centre's."""
@@ -184,9 +185,9 @@ def add_lines(
 ) -> None:
     """Add paths to the grid [lines, TX * panels, cells + margin, 2, LANES]."""
     count, known = paths.table.shape[1], tuple((0,) * length for length in forms)
-    seen = empty_centres(forms.orders, forms.parts, min(AT_ONCE, count), len(sensor.tx), len(weights.lines))
-    for first in range(0, count, AT_ONCE):
-        see_from_centres(paths, first, sensor, sweep, weights, seen)
+    for first in range(0, count, AT_ONCE * CHUNK):
+        chunks = min(AT_ONCE, -(-(count - first) // CHUNK))
+        seen = see_from_centres(paths, first, chunks, (forms.orders, forms.parts), sensor, sweep, weights)
         add_elements(paths, first, seen, sensor, sweep, weights.cells, known, grid)
 
 
@@ -209,31 +210,35 @@ def add_elements(paths, first, centres, sensor, sweep, cell_weights, forms, grid
         for e in range(sensor.rx.shape[1]):
             place[e // LANES, axis * LANES + e % LANES] = sensor.rx[axis, e]
     flat_weights = cell_weights.reshape(cell_weights.size)
-    path_stride, line_step = centres.coefficients.shape[3], 2 * len(terms)
-    part_stride = centres.coefficients.shape[2] * path_stride
+    path_stride, line_step = centres.coefficients.shape[4], 2 * len(terms)
+    part_stride = centres.cell.size * path_stride
     lines = path_stride // line_step
     work, seen = np.empty(3 * LANES), np.zeros(6 * LANES, dtype=single)
     rx_seen = np.zeros((panels, 6 * LANES), dtype=single)
     cell_taps = np.empty(len(orders) * len(cells) * LANES, dtype=single)
     line_taps = np.empty(2 * len(orders) * LANES, dtype=single)
-    for b in range(min(len(centres.cell), table.shape[1] - first)):
-        path = first + b
+    for here in range(min(centres.cell.size, table.shape[1] - first)):
+        path, chunk, b = first + here, here // CHUNK, here % CHUNK
         vx, vy, vz = table[10, path], table[11, path], table[12, path]
         point = (table[3, path] + vx * mid, table[4, path] + vy * mid, table[5, path] + vz * mid)
-        leg = (centres.rx_leg[0, b], centres.rx_leg[1, b], centres.rx_leg[2, b], centres.rx_leg[3, b])
-        scales = (centres.frequency[b], bins_per_metre, frame_s)
+        leg = centres.rx_leg[chunk]
+        centre_leg = (leg[0, b], leg[1, b], leg[2, b], leg[3, b])
+        scales = (centres.frequency[chunk, b], bins_per_metre, frame_s)
         for panel in range(panels):
-            _rx_seen(place[panel], point, (vx, vy, vz), leg, scales, parts, work, rx_seen[panel])
-        start = paths.row[path] * line_stride + (int(centres.cell[b]) % sweep.cells) * 2 * LANES
+            _rx_seen(place[panel], point, (vx, vy, vz), centre_leg, scales, parts, work, rx_seen[panel])
+        start = paths.row[path] * line_stride + (int(centres.cell[chunk, b]) % sweep.cells) * 2 * LANES
         for i in range(tx_count):
-            one = centres.tx_seen[b, i]
-            tx_seen = (one[0], one[1], one[2], one[3], one[4], one[5])
+            one = centres.tx_seen[chunk, i]
+            tx_seen = (
+                single(one[0, b]), single(one[1, b]), single(one[2, b]),
+                single(one[3, b]), single(one[4, b]), single(one[5, b]),
+            )  # fmt: skip
             for panel in range(panels):
                 _channels(rx_seen[panel], tx_seen, single(kappa), single(lead), parts, seen)
                 _cell_taps(seen, flat_weights, cells, powers, orders, cell_taps)
                 at = start + ((sensor.first_tx + i) * panels + panel) * panel_stride
                 for line in range(lines):
                     for order in range(len(orders)):
-                        part = order * len(parts) * part_stride + b * path_stride + line * line_step
+                        part = order * len(parts) * part_stride + here * path_stride + line * line_step
                         _line_taps(seen, coefficients, part, part_stride, terms, parts, 2 * order * LANES, line_taps)
                     _add_taps(line_taps, cell_taps, cells, orders, at + line * line_stride, flat)

@@ -53,29 +53,20 @@ class Weights(NamedTuple):
 
 
 class Centres(NamedTuple):
-    """What is filled for K paths.
+    """What is filled for some chunks of paths.
 
     :param coefficients: of the lines' weights, of all orders; what ``lines`` of :class:`Weights` gives of each part
-    :param cell: nearest to the centres' range at ``sweep.beat_time``
-    :param frequency: cycles a metre
+    :param cell: nearest to the centres' range at ``sweep.beat_time``; :param frequency: cycles a metre
     :param rx_leg: length [m] between point and RX centre at mid-frame and its three derivatives
     :param tx_seen: of each TX the phasor with the path's amplitude; the range beyond the cell [bins], d, q and c
         [cycles], the three beyond the centre's
     """
 
-    coefficients: Float32[np.ndarray, "orders parts paths coefficients"]
-    cell: Float64[np.ndarray, " paths"]
-    frequency: Float64[np.ndarray, " paths"]
-    rx_leg: Float64[np.ndarray, "4 paths"]
-    tx_seen: Float32[np.ndarray, "paths tx 6"]
-
-
-def empty_centres(orders: int, parts: int, paths: int, tx_count: int, coefficients: int) -> Centres:
-    """Uninitialised."""
-    return Centres(
-        np.empty((orders, parts, paths, coefficients), dtype=np.float32),
-        np.empty(paths), np.empty(paths), np.empty((4, paths)), np.empty((paths, tx_count, 6), dtype=np.float32),
-    )  # fmt: skip
+    coefficients: Float32[np.ndarray, "orders parts chunks 64 coefficients"]
+    cell: Float64[np.ndarray, "chunks 64"]
+    frequency: Float64[np.ndarray, "chunks 64"]
+    rx_leg: Float64[np.ndarray, "chunks 4 64"]
+    tx_seen: Float64[np.ndarray, "chunks tx 6 64"]
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
@@ -146,59 +137,58 @@ def _node_values(cycles, eta, bends, coupled, at, values):
 
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
-def see_from_centres(paths, first, sensor, sweep, weights, seen):
-    """Fill :class:`Centres` with those of the paths from ``first`` on, as many as there are or it has room for."""
+def see_from_centres(paths, first, chunks, forms, sensor, sweep, weights):
+    """:class:`Centres` of the paths from ``first`` on, in so many chunks; what is beyond the last path has no meaning.
+
+    :param forms: how many orders and parts
+    """
+    (orders, parts), single = forms, np.float32
     table, node, matrix = paths.table, weights.node, weights.lines
-    coefficients, cell, frequency, of_rx, of_tx = seen
-    orders, parts, room = coefficients.shape[0], coefficients.shape[1], coefficients.shape[2]
-    single = np.float32
+    coefficients = np.empty((orders, parts, chunks, CHUNK, len(matrix)), dtype=single)
+    cell, frequency = np.empty((chunks, CHUNK)), np.empty((chunks, CHUNK))
+    rx_leg, tx_seen = np.empty((chunks, 4, CHUNK)), np.empty((chunks, len(sensor.tx), 6, CHUNK))
     frame_s, kappa, lead = sweep.frame_s, sweep.kappa, (sweep.beat_time - sweep.mid_time) / sweep.frame_s
     bins_per_metre = sweep.bandwidth_hz / SPEED_OF_LIGHT
-    now, bends = np.zeros((16, CHUNK)), np.zeros((6, CHUNK))
-    tx_leg, rx_leg, leg = np.zeros((4, CHUNK)), np.zeros((4, CHUNK)), np.zeros((4, CHUNK))
+    now, bends, tx_leg, leg = np.zeros((16, CHUNK)), np.zeros((6, CHUNK)), np.zeros((4, CHUNK)), np.zeros((4, CHUNK))
     link, rate = now[6], now[13]
     tx_length, rx_length, cycles = np.empty(CHUNK), np.empty(CHUNK), np.empty(CHUNK)
-    departure, per_metre, constant = np.empty(CHUNK), np.empty(CHUNK), np.empty(CHUNK)
-    re, im = np.empty(CHUNK), np.empty(CHUNK)
+    departure, constant = np.empty(CHUNK), np.empty(CHUNK)
     values = np.zeros((orders, parts, 2 * len(node), CHUNK))
     by_value, by_value_single = matrix.T, np.ascontiguousarray(matrix.T).astype(single)
     product, rounded = np.empty((CHUNK, len(matrix))), np.empty((2 * len(node), CHUNK), dtype=single)
-    product_single = np.empty((CHUNK, len(matrix)), dtype=single)
     mid, beat = sweep.mid_time, sweep.beat_time
-    for to in range(0, min(room, table.shape[1] - first), CHUNK):
-        count = min(CHUNK, room - to, table.shape[1] - first - to)
+    for chunk in range(chunks):
+        start = first + chunk * CHUNK
+        count = min(CHUNK, table.shape[1] - start)
         for column in range(16):
             for b in range(count):
-                now[column, b] = table[column, first + to + b]
+                now[column, b] = table[column, start + b]
         for column in range(6):
             for b in range(count):
-                bends[column, b] = paths.bends[column, first + to + b]
+                bends[column, b] = paths.bends[column, start + b]
         _lengths(now, 0, beat, sensor.tx_centre, tx_length)
         _lengths(now, 3, beat, sensor.rx_centre, rx_length)
+        nearest, per_metre = cell[chunk], frequency[chunk]
         for b in range(CHUNK):
             # The bend's mean over the frame is a range like any other.
             middle = bins_per_metre * (tx_length[b] + (link[b] + rate[b] * beat) + rx_length[b]) + bends[1, b] / 12.0
-            nearest = np.floor(middle * sweep.oversampling + 0.5)
-            departure[b] = middle - nearest / sweep.oversampling
-            delay = nearest / (sweep.oversampling * sweep.bandwidth_hz)
+            nearest[b] = np.floor(middle * sweep.oversampling + 0.5)
+            departure[b] = middle - nearest[b] / sweep.oversampling
+        for b in range(CHUNK):
+            delay = nearest[b] / (sweep.oversampling * sweep.bandwidth_hz)
             per_metre[b] = (sweep.reference_hz - sweep.video_phase * sweep.slope_hz_per_s * delay) / SPEED_OF_LIGHT
             constant[b] = 0.5 * sweep.video_phase * sweep.slope_hz_per_s * delay * delay
-            re[b] = nearest
         _legs(now, 0, mid, sensor.tx_centre, tx_leg)
-        _legs(now, 3, mid, sensor.rx_centre, rx_leg)
-        for b in range(count):
-            cell[to + b], frequency[to + b] = re[b], per_metre[b]
-            for n in range(4):
-                of_rx[n, to + b] = rx_leg[n, b]
+        _legs(now, 3, mid, sensor.rx_centre, rx_leg[chunk])
         for n in range(len(node)):
             eta = node[n]
             _lengths(now, 0, mid + eta * frame_s, sensor.tx_centre, tx_length)
             _lengths(now, 3, mid + eta * frame_s, sensor.rx_centre, rx_length)
             for b in range(CHUNK):
-                longer = (tx_length[b] - tx_leg[0, b]) + (rx_length[b] - rx_leg[0, b]) + rate[b] * (eta * frame_s)
-                cycles[b] = per_metre[b] * longer
+                longer = (tx_length[b] - tx_leg[0, b]) + (rx_length[b] - rx_leg[chunk, 0, b])
+                cycles[b] = per_metre[b] * (longer + rate[b] * (eta * frame_s))
             for b in range(count):
-                cycles[b] -= paths.anchor[first + to + b] * eta
+                cycles[b] -= paths.anchor[start + b] * eta
             _node_values(cycles, eta, bends, (kappa, lead), 2 * n, values)
         for order in range(orders):
             for part in range(parts):
@@ -207,26 +197,25 @@ def see_from_centres(paths, first, sensor, sweep, weights, seen):
                     for n in range(len(rounded)):
                         for b in range(CHUNK):
                             rounded[n, b] = single(values[order, part, n, b])
-                    np.dot(rounded.T, by_value_single, product_single)
-                    for b in range(count):
-                        for n in range(len(matrix)):
-                            coefficients[order, part, to + b, n] = product_single[b, n]
-                else:
-                    np.dot(values[0, 0].T, by_value, product)
-                    for b in range(count):
-                        for n in range(len(matrix)):
-                            coefficients[0, 0, to + b, n] = single(product[b, n])
+                    np.dot(rounded.T, by_value_single, coefficients[order, part, chunk])
+        np.dot(values[0, 0].T, by_value, product)
+        for b in range(CHUNK):
+            for n in range(len(matrix)):
+                coefficients[0, 0, chunk, b, n] = single(product[b, n])
         for i in range(len(sensor.tx)):
             _legs(now, 0, mid, sensor.tx[i], leg)
+            seen = tx_seen[chunk, i]
             for b in range(CHUNK):
                 cycles[b] = per_metre[b] * (leg[0, b] + (link[b] + rate[b] * mid)) + constant[b]
             for b in range(CHUNK):
-                re[b], im[b] = phasor(cycles[b])
-            for b in range(count):
-                seen_of = of_tx[to + b, i]
-                seen_of[0] = single(re[b] * now[14, b] - im[b] * now[15, b])
-                seen_of[1] = single(re[b] * now[15, b] + im[b] * now[14, b])
-                seen_of[2] = single(departure[b] + bins_per_metre * (leg[0, b] - tx_leg[0, b]))
-                seen_of[3] = single(per_metre[b] * frame_s * (leg[1, b] - tx_leg[1, b]))
-                seen_of[4] = single(0.5 * per_metre[b] * frame_s**2 * (leg[2, b] - tx_leg[2, b]))
-                seen_of[5] = single(per_metre[b] * frame_s**3 / 6.0 * (leg[3, b] - tx_leg[3, b]))
+                seen[0, b], seen[1, b] = phasor(cycles[b])
+            for b in range(CHUNK):
+                x, y = seen[0, b], seen[1, b]
+                seen[0, b], seen[1, b] = x * now[14, b] - y * now[15, b], x * now[15, b] + y * now[14, b]
+            for b in range(CHUNK):
+                seen[2, b] = departure[b] + bins_per_metre * (leg[0, b] - tx_leg[0, b])
+                seen[3, b] = per_metre[b] * frame_s * (leg[1, b] - tx_leg[1, b])
+            for b in range(CHUNK):
+                seen[4, b] = 0.5 * per_metre[b] * frame_s**2 * (leg[2, b] - tx_leg[2, b])
+                seen[5, b] = per_metre[b] * frame_s**3 / 6.0 * (leg[3, b] - tx_leg[3, b])
+    return Centres(coefficients, cell, frequency, rx_leg, tx_seen)
