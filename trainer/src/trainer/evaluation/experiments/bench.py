@@ -209,21 +209,18 @@ class SceneByScene(Experiment, ABC):
     def tasks(self, bench: Bench) -> Sequence[Task]:
         kept = lru_cache(maxsize=KEPT)(partial(self.scene, bench))
 
-        def cell(contender: Contender, place: int) -> Values:
-            return self.score(bench, contender, place, kept(place))
-
-        def true(compute: Callable[[Any], Values], place: int) -> Values:
-            return compute(kept(place))
+        def cell(score: Callable[[Any], Values], place: int) -> Values:
+            return score(kept(place))
 
         tasks = []
         given = [bench.radar.model_dump(mode="json"), self.inputs(bench)]
         for place, condition in enumerate(map(condition_text, self.conditions(bench))):
             for contender in self.entrants(bench):
-                inputs, compute = digest([*given, contender.inputs]), partial(cell, contender, place)
-                tasks.append(Task(*contender.key, condition, inputs, compute, contender.device))
+                inputs, score = digest([*given, contender.inputs]), partial(self.score, bench, contender, place)
+                tasks.append(Task(*contender.key, condition, inputs, partial(cell, score, place), contender.device))
             for array, scored in self.truths(bench, place).items():
                 rx = [list(one.rx) for one in bench.arrays if one.name == array]
-                tasks.append(Task(TRUTH, array, condition, digest([*given, rx]), partial(true, scored, place)))
+                tasks.append(Task(TRUTH, array, condition, digest([*given, rx]), partial(cell, scored, place)))
         return tasks
 
     def pooled(self, contender: Contender) -> Condition | None:
