@@ -24,13 +24,7 @@ from shared.physics.errors import InputError
 from shared.radar import Radar
 from trainer.data.arrays import choose_array
 from trainer.estimators.base import ESTIMATORS
-from trainer.evaluation.experiments.bench import (
-    DEFAULT_ARRAYS,
-    Bench,
-    EvaluationConfig,
-    Experiment,
-    Results,
-)
+from trainer.evaluation.experiments.bench import DEFAULT_ARRAYS, Bench, EvaluationConfig, Experiment, Results
 from trainer.evaluation.experiments.contenders import NETWORKS, check_methods, gather
 from trainer.evaluation.experiments.cylinders import PointSpread, Reflectors
 from trainer.evaluation.experiments.detection import Detection
@@ -43,9 +37,9 @@ from trainer.evaluation.experiments.measured_input import MeasuredInput, with_ar
 from trainer.evaluation.experiments.noise_only import NoiseOnly
 from trainer.evaluation.experiments.resolution import Resolution
 from trainer.evaluation.experiments.robustness import Robustness
-from trainer.evaluation.experiments.street import Street, report_frames
+from trainer.evaluation.experiments.street import Street
 from trainer.evaluation.report.figures import save_figure
-from trainer.evaluation.report.page import ReportFigure, report_page
+from trainer.evaluation.report.page import report_page
 from trainer.evaluation.report.tables import MetricRow, Numbers, metrics_table, summary, write_table
 from trainer.evaluation.store import CellStore, Values, cell_name
 from trainer.evaluation.workers import Workers
@@ -65,7 +59,8 @@ NAMES = (*EXPERIMENTS, MEASURED)
 SUMMARY_COLUMNS = [(name, column) for name, experiment in EXPERIMENTS.items() for column in experiment.summary]
 CELLS, FIGURES = "cells", "figures"
 REPORT, SUMMARY = "report.html", "summary.md"
-RUNTIME = Runtime()
+RUNTIME, STREET = Runtime(), Street()
+"""What is looked at whatever the experiments."""
 
 Progress = Callable[[str, int, int], None]
 """(what is computed, cells done, cells in all)."""
@@ -107,20 +102,19 @@ def evaluate(
             timed = _compute(RUNTIME, bench, store, Workers(bench, 1, folder), partial(advance, RUNTIME.name))
             bench = replace(bench, seconds={key[:2]: float(values["seconds"]) for key, values in timed.items()})
         rows: list[MetricRow] = []
-        figures: list[ReportFigure] = []
+        figures: list[tuple[str, str, bytes]] = []
         texts: dict[str, str] = {}
         written = set[str]()
         (out / FIGURES).mkdir(exist_ok=True)
         with Workers(bench, workers, folder) as pool:
-            street = EXPERIMENTS[Street.name]
-            shown = _compute(street, bench, store, pool, partial(advance, "images")) if bench.frames else {}
+            shown = _compute(STREET, bench, store, pool, partial(advance, "images")) if bench.frames else {}
             for experiment in (*chosen, RUNTIME):
                 results = _compute(experiment, bench, store, pool, partial(advance, experiment.name))
                 found = Numbers(experiment.name, config.seed)
                 experiment.count(bench, results, found)
                 for name, figure in experiment.figures(bench, results, found).items():
                     png = save_figure(figure, out / FIGURES, name)
-                    figures.append(ReportFigure(experiment.title, experiment.caption, png))
+                    figures.append((experiment.title, experiment.caption, png))
                     written |= {f"{name}.png", f"{name}.svg"}
                 rows += found.rows
                 texts |= experiment.texts()
@@ -129,7 +123,7 @@ def evaluate(
         write_table(table, out)
         if bench.frames:
             texts = {SUMMARY: summary(table, SUMMARY_COLUMNS), **texts}
-        frames = [] if dataset is None else report_frames(bench, shown, open_dataset(dataset))
+        frames = [] if dataset is None else STREET.report_frames(bench, shown, open_dataset(dataset))
         ran = ", ".join(experiment.name for experiment in chosen)
         page = report_page(title, _introduction(bench, ran), bench.radar, frames, figures, table)
         for name, text in {REPORT: page, **texts}.items():
