@@ -32,7 +32,6 @@ from trainer.evaluation.experiments.doppler import Doppler
 from trainer.evaluation.experiments.frames import frame_refs
 from trainer.evaluation.experiments.generalisation import Generalisation, Runtime, Tradeoff
 from trainer.evaluation.experiments.measured import METHODS, Measured, fitting_networks
-from trainer.evaluation.experiments.measured import NAME as MEASURED
 from trainer.evaluation.experiments.measured_input import MeasuredInput, with_arrays
 from trainer.evaluation.experiments.noise_only import NoiseOnly
 from trainer.evaluation.experiments.resolution import Resolution
@@ -47,20 +46,20 @@ from trainer.run.answers import Answer, NetworkAnswer
 from trainer.run.folder import JOB, Fingerprint, output_folder, scene_records
 from trainer.run.imager import precision_remark
 
+RUNTIME, STREET = Runtime(), Street()
+"""What is looked at whatever the experiments."""
 EXPERIMENTS: dict[str, Experiment] = {
     experiment.name: experiment
     for experiment in (
-        PointSpread(), Street(), Reflectors(), Detection(), Doppler(), Resolution(), Robustness(), Generalisation(),
+        PointSpread(), STREET, Reflectors(), Detection(), Doppler(), Resolution(), Robustness(), Generalisation(),
         NoiseOnly(), Tradeoff(),
     )
 }  # fmt: skip
 """By the name that ``--experiments`` takes, in the order of the report; the measured row comes after them."""
-NAMES = (*EXPERIMENTS, MEASURED)
+NAMES = (*EXPERIMENTS, Measured.name)
 SUMMARY_COLUMNS = [(name, column) for name, experiment in EXPERIMENTS.items() for column in experiment.summary]
 CELLS, FIGURES = "cells", "figures"
 REPORT, SUMMARY = "report.html", "summary.md"
-RUNTIME, STREET = Runtime(), Street()
-"""What is looked at whatever the experiments."""
 
 Progress = Callable[[str, int, int], None]
 """(what is computed, cells done, cells in all)."""
@@ -90,8 +89,8 @@ def evaluate(
     config = config or EvaluationConfig()
     advance = progress or (lambda *_: None)
     with output_folder(out, resume, "an empty or new folder, or --resume to keep what is finished") as folder:
-        if resume:
-            _require_cells(out)
+        if resume and any(item.name != JOB for item in out.iterdir()) and not (out / CELLS).is_dir():
+            raise InputError("--out", f"{out} holds no {CELLS}/", "the folder of an evaluation to resume, or a new one")
         bench, chosen, title, remarks = _prepared(dataset, measured, config)
         remove_partial(out)
         store = CellStore(out / CELLS)
@@ -160,8 +159,8 @@ def _prepared(
         return bench, chosen, f"Evaluation on {folder_name(locate(dataset))}", remarks
     if row is None:
         raise InputError("arguments", "neither a dataset nor --measured", "one of both, or both")
-    if config.experiments is not None and config.experiments != (MEASURED,):
-        raise InputError("--experiments", ", ".join(config.experiments), f"{MEASURED} alone without a dataset")
+    if config.experiments is not None and config.experiments != (Measured.name,):
+        raise InputError("--experiments", ", ".join(config.experiments), f"{Measured.name} alone without a dataset")
     # The default names are of the default radar: of another cube nobody has asked for them.
     asked = ("full",) if row.radar is not None and config.arrays == DEFAULT_ARRAYS else config.arrays
     methods = [name for name in config.methods or () if name not in NETWORKS]
@@ -190,11 +189,9 @@ def open_bench(source: Location | str, config: EvaluationConfig) -> tuple[Bench,
     refs, left_out = frame_refs(dataset, "test", config.frames)
     contenders = gather(config.methods, config.runs, arrays, radar, dataset.path)
     fingerprint = Fingerprint.of(dataset.path, dataset.records, {})
-    scenes = (
-        frozenset(frame.scene for frame in dataset.frames("train", ())) if "train" in dataset.splits else frozenset()
-    )
-    of_data = scene_records(dataset.manifest)
-    return Bench(fingerprint.sha256, radar, refs, scenes, contenders, config, scenes=of_data), left_out
+    seen = {frame.scene for frame in dataset.frames("train", ())} if "train" in dataset.splits else set[str]()
+    scenes = scene_records(dataset.manifest)
+    return Bench(fingerprint.sha256, radar, refs, frozenset(seen), contenders, config, scenes=scenes), left_out
 
 
 def _of_precision(answers: Iterable[Answer]) -> list[str]:
@@ -211,11 +208,11 @@ def choose_experiments(
     :param names: of :data:`NAMES`; None for all
     :raises InputError: one that does not apply, a snapshot that no experiment looks at
     """
-    every: dict[str, Experiment | None] = {**EXPERIMENTS, MEASURED: measured}
+    every: dict[str, Experiment | None] = {**EXPERIMENTS, Measured.name: measured}
     wanted = {name: every[name] for name in NAMES if names is None or name in names}
-    if measured is not None and MEASURED not in wanted:
+    if measured is not None and Measured.name not in wanted:
         raise InputError(
-            "--measured", f"{measured.measured.path} without the experiment", f"{MEASURED!r} in --experiments"
+            "--measured", f"{measured.measured.path} without the experiment", f"{Measured.name!r} in --experiments"
         )
     chosen, lines = [], []
     for name, experiment in wanted.items():
@@ -242,11 +239,6 @@ def _introduction(bench: Bench, ran: str) -> str:
         f"Radar {bench.radar.name}; test frames: {counts}; methods: {methods}; arrays: {arrays}; {config.trials} "
         f"simulated trials of a condition; seed {config.seed}; experiments: {ran}."
     )
-
-
-def _require_cells(out: Path) -> None:
-    if any(item.name != JOB for item in out.iterdir()) and not (out / CELLS).is_dir():
-        raise InputError("--out", f"{out} holds no {CELLS}/", "the folder of an evaluation to resume, or a new one")
 
 
 def _compute(

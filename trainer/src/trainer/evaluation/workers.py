@@ -96,7 +96,9 @@ class Workers(ExitStack):
                 pool.submit((experiment, elsewhere.popleft()))
             if here:
                 place = here.popleft()
-                yield place, alone(tasks[place])
+                with threadpool_limits(limits=1):  # as many threads as a worker has
+                    values = tasks[place].compute()
+                yield place, values
             for finished in pool.finished(0.0 if here else POLL_S) if pool else ():
                 asked_by, place = finished.item
                 if asked_by is not experiment:
@@ -128,9 +130,3 @@ def _without_gpu(bench: Bench) -> Bench:
         return replace(contender, answer=replace(answer, imager=deepcopy(answer.imager).cpu()))
 
     return replace(bench, contenders=tuple(map(moved, bench.contenders)))
-
-
-def alone(task: Task) -> Values:
-    """In this process, with as many threads as a worker has."""
-    with threadpool_limits(limits=1):
-        return task.compute()

@@ -88,17 +88,13 @@ class FrameByFrame(SceneByScene):
 
 
 class OfFrames(FrameByFrame):
-    """An experiment on the scores of single frames, whose cells it shares with the others.
-
-    :cvar scenes_alone: it looks at the frames of scenes and not at those of point targets
-    """
+    """An experiment on the scores of single frames, whose cells it shares with the others."""
 
     cells = CELLS
-    scenes_alone: bool = True
 
     def refs(self, bench: Bench) -> tuple[FrameRef, ...]:
-        """The frames that it looks at."""
-        return scene_frames(bench) if self.scenes_alone else bench.frames
+        """The frames that it looks at, those of scenes and not those of point targets."""
+        return scene_frames(bench)
 
     def scores(self, bench: Bench, results: Results) -> FrameScores:
         """Of the frames that it looks at."""

@@ -29,13 +29,15 @@ class Generalisation(OfFrames):
     """Is a scene worse than another, and was it trained on?"""
 
     name = "generalisation"
-    scenes_alone = False
     title = "Scores by scene"
     caption = (
         "The test frames of each scene apart, and close point targets as a scene of their own. A filled bar belongs "
         "to a network that was trained on other frames of this scene or to an estimator, which is trained on "
         "nothing; a hatched one to a network that never saw the scene, or of which it is not known."
     )
+
+    def refs(self, bench: Bench) -> tuple[FrameRef, ...]:
+        return bench.frames
 
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         for scene, refs in grouped(bench.frames, "scene").items():

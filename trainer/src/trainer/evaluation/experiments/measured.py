@@ -36,8 +36,6 @@ from trainer.run.detections import CANDIDATES
 from trainer.run.folder import RUN_FILE, load_imager
 from trainer.run.other_radars import fitted_imager
 
-NAME = "measured"
-"""As ``--experiments`` takes it."""
 LINES = "lines.md"
 """File of the lines of all methods."""
 Found = dict[tuple[str, str], Values]
@@ -62,7 +60,7 @@ class Measured(Experiment):
     :param networks: with the name that tables have for them, see :func:`fitting_networks`
     """
 
-    name = NAME
+    name = "measured"
     title = "A measured row"
     caption = (
         "One row of measured channels, and parts of it. Levels below each spectrum's maximum; dotted, where the number "
@@ -107,9 +105,9 @@ class Measured(Experiment):
             near = [row.value for row in found.rows if row.array == array and row.metric.endswith(WITHIN)]
             if near:
                 notes[array] = f"{sum(near):.0f} of {len(near)} find all {WITHIN}"
-        drawn = {NAME: cut_figure(self.measured, self.title, self._spectra, self._reference, notes)}
+        drawn = {self.name: cut_figure(self.measured, self.title, self._spectra, self._reference, notes)}
         if self._pictures:
-            drawn[f"{NAME}-picture"] = cartesian_figure(self.measured, self._pictures)
+            drawn[f"{self.name}-picture"] = cartesian_figure(self.measured, self._pictures)
         return drawn
 
     def texts(self) -> dict[str, str]:
