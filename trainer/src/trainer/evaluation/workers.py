@@ -116,7 +116,7 @@ class Workers(ExitStack):
 
 
 def _failure_line(experiment: Experiment, task: Task, how: str) -> str:
-    cell = " ".join(filter(None, (experiment.name, task.method, task.array, task.condition)))
+    cell = " ".join(filter(None, (experiment.name, *task.key)))
     return f"{cell}: {how}, perhaps for lack of memory; the same command with --resume, and fewer --workers, goes on"
 
 

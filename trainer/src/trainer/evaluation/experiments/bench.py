@@ -109,24 +109,16 @@ class Bench:
 class Task:
     """One cell to be filled.
 
-    :param method: contender's method, "truth" for what belongs to none
-    :param array: its array's name
-    :param condition: what was varied, as text
+    :param key: contender's method, "truth" for what belongs to none, its array's name, and what was varied, as text
     :param inputs: fingerprint of what the cell depends on besides its names
     :param compute: the work
     :param device: that the work needs, "cpu" or "cuda"
     """
 
-    method: str
-    array: str
-    condition: str
+    key: tuple[str, str, str]
     inputs: str
     compute: Callable[[], Values]
     device: str = "cpu"
-
-    @property
-    def key(self) -> tuple[str, str, str]:
-        return self.method, self.array, self.condition
 
 
 Results = Mapping[tuple[str, str, str], Values]
@@ -217,10 +209,11 @@ class SceneByScene(Experiment, ABC):
         for place, condition in enumerate(map(condition_text, self.conditions(bench))):
             for contender in self.entrants(bench):
                 inputs, score = digest([*given, contender.inputs]), partial(self.score, bench, contender, place)
-                tasks.append(Task(*contender.key, condition, inputs, partial(cell, score, place), contender.device))
+                key, compute = (*contender.key, condition), partial(cell, score, place)
+                tasks.append(Task(key, inputs, compute, contender.device))
             for array, scored in self.truths(bench, place).items():
                 rx = [list(one.rx) for one in bench.arrays if one.name == array]
-                tasks.append(Task(TRUTH, array, condition, digest([*given, rx]), partial(cell, scored, place)))
+                tasks.append(Task((TRUTH, array, condition), digest([*given, rx]), partial(cell, scored, place)))
         return tasks
 
     def pooled(self, contender: Contender) -> Condition | None:
