@@ -94,7 +94,7 @@ class OfFrames(FrameByFrame):
 
     def refs(self, bench: Bench) -> tuple[FrameRef, ...]:
         """The frames that it looks at, those of scenes and not those of point targets."""
-        return scene_frames(bench)
+        return tuple(ref for ref in bench.frames if ref.kind == "scene")
 
     def scores(self, bench: Bench, results: Results) -> FrameScores:
         """Of the frames that it looks at."""
@@ -113,10 +113,6 @@ class OfFrames(FrameByFrame):
         if min(shape) >= SSIM_WINDOW:
             return None
         return f"images have {shape[0]} x {shape[1]} bins, SSIM's window {SSIM_WINDOW} x {SSIM_WINDOW}"
-
-
-def scene_frames(bench: Bench) -> tuple[FrameRef, ...]:
-    return tuple(ref for ref in bench.frames if ref.kind == "scene")
 
 
 @lru_cache(maxsize=KEPT)
