@@ -121,30 +121,29 @@ def gather(
     loaded = [(path, *load_imager(path)) for path in runs]
     for path, run, _ in loaded:
         same_radar(run.radar, str(path), radar, str(source))
-    kinds = [kind_of(run) for _, run, _ in loaded]
+    places = [(kind_of(run), run.array.rx) for _, run, _ in loaded]
+    kinds = [kind for kind, _ in places]
     chosen = tuple(methods) if methods is not None else (*DEFAULT_METHODS, *sorted(set(kinds)))
     check_methods(chosen)
     for name in NETWORKS:
         if name in chosen and name not in kinds:
             raise InputError("--methods", f"{name!r} without a run of that kind", f"--run RUN of a {_MODELS[name]}")
-    for (path, run, _), kind in zip(loaded, kinds, strict=True):
-        if kind not in chosen:
-            raise InputError("--run", f"{path} is a {kind!r}, not among the methods", f"{kind!r} in --methods")
-        if run.array.rx not in [array.rx for array in arrays]:
-            known = ", ".join(array.name for array in arrays)
-            raise InputError(
-                "--run", f"{path} was trained for array {run.array.name!r}, RX {list(run.array.rx)}",
-                f"one of the arrays evaluated, {known}; or that array in --arrays",
-            )  # fmt: skip
-    contenders = [estimator_contender(name, array, radar) for name in chosen if name in ESTIMATORS for array in arrays]
-    places = [(kind_of(run), run.array.rx) for _, run, _ in loaded]
     networks = []
     for (path, run, imager), (kind, rx) in zip(loaded, places, strict=True):
+        if kind not in chosen:
+            raise InputError("--run", f"{path} is a {kind!r}, not among the methods", f"{kind!r} in --methods")
+        place = next((place for place, array in enumerate(arrays) if array.rx == rx), None)
+        if place is None:
+            known = ", ".join(array.name for array in arrays)
+            raise InputError(
+                "--run", f"{path} was trained for array {run.array.name!r}, RX {list(rx)}",
+                f"one of the arrays evaluated, {known}; or that array in --arrays",
+            )  # fmt: skip
         # Folders tell two networks of one kind on one array apart.
         label = kind if places.count((kind, rx)) == 1 else f"{kind}:{path.resolve().name}"
-        place = next(place for place, array in enumerate(arrays) if array.rx == rx)
         network = _network(label, arrays[place], path, run, imager)
         networks.append(((chosen.index(kind), label, place), network))
+    contenders = [estimator_contender(name, array, radar) for name in chosen if name in ESTIMATORS for array in arrays]
     # The arrays of one method stand beside each other, whatever the order of the runs.
     contenders += [network for _, network in sorted(networks, key=lambda entry: entry[0])]
     names = [contender.name for contender in contenders]

@@ -23,7 +23,6 @@ FALSE_ALARMS = (1, 10, 100)
 """A frame, at which the table has the detection probability."""
 SHOWN_FALSE_ALARMS = (0.1, 1000.0)
 """A frame, from and to, in the figure."""
-TITLE = "Detection probability over false alarms"
 
 
 def at_false_alarms(count: int) -> dict[str, object]:
@@ -62,7 +61,8 @@ def count_gains(bench: Bench, scores: FrameScores, found: Numbers) -> None:
 def ranking_figure(bench: Bench, scores: FrameScores) -> Figure:
     """Detection probability over false alarms a frame, a panel for each array."""
     look = Look(one.key for one in bench.contenders)
-    size, title = (4.4 * len(look.arrays) + 0.6, 4.6), f"{TITLE}: {counted(len(scores.refs), 'frame')}"
+    size = 4.4 * len(look.arrays) + 0.6, 4.6
+    title = f"Detection probability over false alarms: {counted(len(scores.refs), 'frame')}"
     figure, (axes,) = panels(1, len(look.arrays), size, title, sharey=True)
     least, most = SHOWN_FALSE_ALARMS
     places = np.geomspace(least, most, 241)

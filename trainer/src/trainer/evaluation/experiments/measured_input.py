@@ -18,7 +18,7 @@ from shared.signal.tdm import averaged
 from trainer.captures.reading import read_arrays
 from trainer.data.arrays import ArrayChoice
 from trainer.data.measurements import Measurement, open_measurements
-from trainer.estimators.base import LineArray
+from trainer.estimators.base import LineArray, line_array
 
 CARRIER_HZ = 77e9
 """Taken for a snapshot, of which no radar is known; u does not depend on it, since the elements stand half a wavelength
@@ -146,9 +146,9 @@ def with_arrays(found: MeasuredInput, radar: Radar, arrays: Sequence[ArrayChoice
             if (kept >= 0).any() and array.name not in sets:
                 sets[array.name] = kept[kept >= 0]
     else:
-        places = radar.array.virtual[:, 1]
-        line = LineArray(places, radar.waveform.wavelength_m)
-        grid = np.round((places - places.min()) / (line.spacing_m or 0.5 * line.wavelength_m)).astype(int)
+        line = line_array(radar)
+        steps = (line.positions_m - line.positions_m.min()) / (line.spacing_m or 0.5 * line.wavelength_m)
+        grid = np.round(steps).astype(int)
         for array in arrays:
             thinned = np.sort(grid[array.channels(radar)])
             if len(thinned) < len(grid) and thinned[-1] < len(found.snapshot):

@@ -138,7 +138,6 @@ class SummaryColumn:
 
 
 SECONDS = "seconds_per_image"
-METRICS_FILE = "metrics.parquet"
 NAMED, NUMBERS = ("experiment", "method", "array", "metric", "condition"), ("value", "low", "high")
 SCHEMA = pa.schema(
     [
@@ -175,7 +174,7 @@ def metrics_table(
 
 def write_table(table: pa.Table, directory: Path) -> None:
     """``metrics.parquet`` and ``metrics.csv``, whole or not at all."""
-    with atomic(directory / METRICS_FILE) as partial:
+    with atomic(directory / "metrics.parquet") as partial:
         pq.write_table(table, partial, compression="zstd")
     with atomic(directory / "metrics.csv") as partial:
         pyarrow.csv.write_csv(table, partial)
