@@ -11,6 +11,7 @@ import base64
 import html
 import io
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -165,7 +166,6 @@ def report_page(
             "rows": [list(values) for values in zip(*(column.to_pylist() for column in table.columns), strict=True)],
         },
     }  # fmt: skip
-    page = _viewer("page.html")
     parts = {
         "title": html.escape(title),
         "summary": html.escape(summary),
@@ -176,13 +176,8 @@ def report_page(
         "style": _viewer("style.css"),
         "script": "\n".join(map(_viewer, SCRIPTS)),
     }
-    # One split at the marks of the page: text inside a part that looks like a mark stays text.
-    pieces = page.split("{{")
-    filled = [pieces[0]]
-    for piece in pieces[1:]:
-        name, rest = piece.split("}}", maxsplit=1)
-        filled += [parts[name], rest]
-    return "".join(filled)
+    # All marks of the page at once: text inside a part that looks like a mark stays text.
+    return re.sub(r"{{(.*?)}}", lambda mark: parts[mark[1]], _viewer("page.html"))
 
 
 def _pictures(place: int, frame: ReportFrame) -> str:
