@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from trainer.evaluation.evaluate import open_bench
 from trainer.evaluation.experiments.bench import EvaluationConfig
 from trainer.evaluation.experiments.detection import Detection
-from trainer.evaluation.experiments.frames import FrameScores, scene_frames
+from trainer.evaluation.experiments.frames import FrameScores
 from trainer.evaluation.experiments.generalisation import trained_on
 from trainer.metrics.bootstrap import Interval
 from trainer.metrics.ranking import average_precision
@@ -55,7 +55,7 @@ def compare(unseen: Path, runs: Sequence[Path]) -> list[Point]:
     """
     runs = sorted(runs, key=seen_by)
     bench, _ = open_bench(str(unseen), EvaluationConfig(runs=tuple(runs), methods=("unet",), arrays=(ARRAY,)))
-    refs = scene_frames(bench)
+    refs = Detection().refs(bench)
     for contender in bench.contenders:
         for scene in {ref.scene for ref in refs}:
             if trained_on(bench, contender, scene) != "no":

@@ -35,9 +35,7 @@ class Troubled(Experiment):
     def tasks(self, bench: Bench) -> Sequence[Task]:
         return [
             Task(
-                kind,
-                "",
-                f"place={place}",
+                (kind, "", f"place={place}"),
                 "",
                 partial(WORK[kind], bench, self.died),
                 "cuda" if kind == "gpu" else "cpu",

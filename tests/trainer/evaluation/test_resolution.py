@@ -142,8 +142,8 @@ def test_a_resolution_table_has_every_cell_once() -> None:
 def test_a_known_error_reads_as_what_it_is() -> None:
     experiment, bench = Resolution(), small_bench()
     single, true = Condition(0.0, 20.0), np.linspace(-0.4, 0.4, 50)[:, None]
-    results = {task.key: {"found": task_angles(task.condition), "u": task_angles(task.condition),
-                          "phase_rad": np.zeros(50)} for task in experiment.tasks(bench)}  # fmt: skip
+    angles = {task.key: task_angles(task.key[-1]) for task in experiment.tasks(bench)}
+    results = {key: {"found": of, "u": of, "phase_rad": np.zeros(50)} for key, of in angles.items()}
     found = true + 0.01
     found[7] = np.nan
     text = condition_text(single.named)

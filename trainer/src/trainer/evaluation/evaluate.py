@@ -24,13 +24,7 @@ from shared.physics.errors import InputError
 from shared.radar import Radar
 from trainer.data.arrays import choose_array
 from trainer.estimators.base import ESTIMATORS
-from trainer.evaluation.experiments.bench import (
-    DEFAULT_ARRAYS,
-    Bench,
-    EvaluationConfig,
-    Experiment,
-    Results,
-)
+from trainer.evaluation.experiments.bench import DEFAULT_ARRAYS, Bench, EvaluationConfig, Experiment, Results
 from trainer.evaluation.experiments.contenders import NETWORKS, check_methods, gather
 from trainer.evaluation.experiments.cylinders import PointSpread, Reflectors
 from trainer.evaluation.experiments.detection import Detection
@@ -38,14 +32,13 @@ from trainer.evaluation.experiments.doppler import Doppler
 from trainer.evaluation.experiments.frames import frame_refs
 from trainer.evaluation.experiments.generalisation import Generalisation, Runtime, Tradeoff
 from trainer.evaluation.experiments.measured import METHODS, Measured, fitting_networks
-from trainer.evaluation.experiments.measured import NAME as MEASURED
 from trainer.evaluation.experiments.measured_input import MeasuredInput, with_arrays
 from trainer.evaluation.experiments.noise_only import NoiseOnly
 from trainer.evaluation.experiments.resolution import Resolution
 from trainer.evaluation.experiments.robustness import Robustness
-from trainer.evaluation.experiments.street import Street, report_frames
+from trainer.evaluation.experiments.street import Street
 from trainer.evaluation.report.figures import save_figure
-from trainer.evaluation.report.page import ReportFigure, report_page
+from trainer.evaluation.report.page import report_page
 from trainer.evaluation.report.tables import MetricRow, Numbers, metrics_table, summary, write_table
 from trainer.evaluation.store import CellStore, Values, cell_name
 from trainer.evaluation.workers import Workers
@@ -53,19 +46,20 @@ from trainer.run.answers import Answer, NetworkAnswer
 from trainer.run.folder import JOB, Fingerprint, output_folder, scene_records
 from trainer.run.imager import precision_remark
 
+RUNTIME, STREET = Runtime(), Street()
+"""What is looked at whatever the experiments."""
 EXPERIMENTS: dict[str, Experiment] = {
     experiment.name: experiment
     for experiment in (
-        PointSpread(), Street(), Reflectors(), Detection(), Doppler(), Resolution(), Robustness(), Generalisation(),
+        PointSpread(), STREET, Reflectors(), Detection(), Doppler(), Resolution(), Robustness(), Generalisation(),
         NoiseOnly(), Tradeoff(),
     )
 }  # fmt: skip
 """By the name that ``--experiments`` takes, in the order of the report; the measured row comes after them."""
-NAMES = (*EXPERIMENTS, MEASURED)
+NAMES = (*EXPERIMENTS, Measured.name)
 SUMMARY_COLUMNS = [(name, column) for name, experiment in EXPERIMENTS.items() for column in experiment.summary]
 CELLS, FIGURES = "cells", "figures"
 REPORT, SUMMARY = "report.html", "summary.md"
-RUNTIME = Runtime()
 
 Progress = Callable[[str, int, int], None]
 """(what is computed, cells done, cells in all)."""
@@ -95,8 +89,8 @@ def evaluate(
     config = config or EvaluationConfig()
     advance = progress or (lambda *_: None)
     with output_folder(out, resume, "an empty or new folder, or --resume to keep what is finished") as folder:
-        if resume:
-            _require_cells(out)
+        if resume and any(item.name != JOB for item in out.iterdir()) and not (out / CELLS).is_dir():
+            raise InputError("--out", f"{out} holds no {CELLS}/", "the folder of an evaluation to resume, or a new one")
         bench, chosen, title, remarks = _prepared(dataset, measured, config)
         remove_partial(out)
         store = CellStore(out / CELLS)
@@ -107,20 +101,19 @@ def evaluate(
             timed = _compute(RUNTIME, bench, store, Workers(bench, 1, folder), partial(advance, RUNTIME.name))
             bench = replace(bench, seconds={key[:2]: float(values["seconds"]) for key, values in timed.items()})
         rows: list[MetricRow] = []
-        figures: list[ReportFigure] = []
+        figures: list[tuple[str, str, bytes]] = []
         texts: dict[str, str] = {}
         written = set[str]()
         (out / FIGURES).mkdir(exist_ok=True)
         with Workers(bench, workers, folder) as pool:
-            street = EXPERIMENTS[Street.name]
-            shown = _compute(street, bench, store, pool, partial(advance, "images")) if bench.frames else {}
+            shown = _compute(STREET, bench, store, pool, partial(advance, "images")) if bench.frames else {}
             for experiment in (*chosen, RUNTIME):
                 results = _compute(experiment, bench, store, pool, partial(advance, experiment.name))
                 found = Numbers(experiment.name, config.seed)
                 experiment.count(bench, results, found)
                 for name, figure in experiment.figures(bench, results, found).items():
                     png = save_figure(figure, out / FIGURES, name)
-                    figures.append(ReportFigure(experiment.title, experiment.caption, png))
+                    figures.append((experiment.title, experiment.caption, png))
                     written |= {f"{name}.png", f"{name}.svg"}
                 rows += found.rows
                 texts |= experiment.texts()
@@ -129,7 +122,7 @@ def evaluate(
         write_table(table, out)
         if bench.frames:
             texts = {SUMMARY: summary(table, SUMMARY_COLUMNS), **texts}
-        frames = [] if dataset is None else report_frames(bench, shown, open_dataset(dataset))
+        frames = [] if dataset is None else STREET.report_frames(bench, shown, open_dataset(dataset))
         ran = ", ".join(experiment.name for experiment in chosen)
         page = report_page(title, _introduction(bench, ran), bench.radar, frames, figures, table)
         for name, text in {REPORT: page, **texts}.items():
@@ -166,8 +159,8 @@ def _prepared(
         return bench, chosen, f"Evaluation on {folder_name(locate(dataset))}", remarks
     if row is None:
         raise InputError("arguments", "neither a dataset nor --measured", "one of both, or both")
-    if config.experiments is not None and config.experiments != (MEASURED,):
-        raise InputError("--experiments", ", ".join(config.experiments), f"{MEASURED} alone without a dataset")
+    if config.experiments is not None and config.experiments != (Measured.name,):
+        raise InputError("--experiments", ", ".join(config.experiments), f"{Measured.name} alone without a dataset")
     # The default names are of the default radar: of another cube nobody has asked for them.
     asked = ("full",) if row.radar is not None and config.arrays == DEFAULT_ARRAYS else config.arrays
     methods = [name for name in config.methods or () if name not in NETWORKS]
@@ -196,11 +189,9 @@ def open_bench(source: Location | str, config: EvaluationConfig) -> tuple[Bench,
     refs, left_out = frame_refs(dataset, "test", config.frames)
     contenders = gather(config.methods, config.runs, arrays, radar, dataset.path)
     fingerprint = Fingerprint.of(dataset.path, dataset.records, {})
-    scenes = (
-        frozenset(frame.scene for frame in dataset.frames("train", ())) if "train" in dataset.splits else frozenset()
-    )
-    of_data = scene_records(dataset.manifest)
-    return Bench(fingerprint.sha256, radar, refs, scenes, contenders, config, scenes=of_data), left_out
+    seen = {frame.scene for frame in dataset.frames("train", ())} if "train" in dataset.splits else set[str]()
+    scenes = scene_records(dataset.manifest)
+    return Bench(fingerprint.sha256, radar, refs, frozenset(seen), contenders, config, scenes=scenes), left_out
 
 
 def _of_precision(answers: Iterable[Answer]) -> list[str]:
@@ -217,11 +208,11 @@ def choose_experiments(
     :param names: of :data:`NAMES`; None for all
     :raises InputError: one that does not apply, a snapshot that no experiment looks at
     """
-    every: dict[str, Experiment | None] = {**EXPERIMENTS, MEASURED: measured}
+    every: dict[str, Experiment | None] = {**EXPERIMENTS, Measured.name: measured}
     wanted = {name: every[name] for name in NAMES if names is None or name in names}
-    if measured is not None and MEASURED not in wanted:
+    if measured is not None and Measured.name not in wanted:
         raise InputError(
-            "--measured", f"{measured.measured.path} without the experiment", f"{MEASURED!r} in --experiments"
+            "--measured", f"{measured.measured.path} without the experiment", f"{Measured.name!r} in --experiments"
         )
     chosen, lines = [], []
     for name, experiment in wanted.items():
@@ -248,11 +239,6 @@ def _introduction(bench: Bench, ran: str) -> str:
         f"Radar {bench.radar.name}; test frames: {counts}; methods: {methods}; arrays: {arrays}; {config.trials} "
         f"simulated trials of a condition; seed {config.seed}; experiments: {ran}."
     )
-
-
-def _require_cells(out: Path) -> None:
-    if any(item.name != JOB for item in out.iterdir()) and not (out / CELLS).is_dir():
-        raise InputError("--out", f"{out} holds no {CELLS}/", "the folder of an evaluation to resume, or a new one")
 
 
 def _compute(

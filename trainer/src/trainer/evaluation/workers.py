@@ -14,7 +14,6 @@ from contextlib import ExitStack
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 
 import torch
 from threadpoolctl import threadpool_limits
@@ -58,7 +57,7 @@ class CellWork:
         return dict(self._listed[1][place].compute())
 
 
-class Workers:
+class Workers(ExitStack):
     """Computes cells; a context, which ends its processes when it is left, whatever for.
 
     :param bench: what the cells are of; handed over as the first cell is asked for
@@ -70,19 +69,11 @@ class Workers:
     def __init__(self, bench: Bench, count: int, folder: Path) -> None:
         if count < 0:
             raise InputError("--workers", repr(count), "0 (one a core) or more")
+        super().__init__()
         self.count = count or usable_cores()
         self.bench = bench
         self._folder = folder
         self._pool: WorkerPool[Item, Values] | None = None
-        self._context = ExitStack()
-
-    def __enter__(self) -> Workers:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._context.close()
 
     def results(
         self, experiment: Experiment, tasks: Sequence[Task], places: Sequence[int]
@@ -105,7 +96,9 @@ class Workers:
                 pool.submit((experiment, elsewhere.popleft()))
             if here:
                 place = here.popleft()
-                yield place, alone(tasks[place])
+                with threadpool_limits(limits=1):  # as many threads as a worker has
+                    values = tasks[place].compute()
+                yield place, values
             for finished in pool.finished(0.0 if here else POLL_S) if pool else ():
                 asked_by, place = finished.item
                 if asked_by is not experiment:
@@ -118,12 +111,12 @@ class Workers:
     def _started(self) -> WorkerPool[Item, Values]:
         if self._pool is None:
             work = CellWork(_without_gpu(self.bench))
-            self._pool = self._context.enter_context(WorkerPool[Item, Values](work, self.count, self._folder))
+            self._pool = self.enter_context(WorkerPool[Item, Values](work, self.count, self._folder))
         return self._pool
 
 
 def _failure_line(experiment: Experiment, task: Task, how: str) -> str:
-    cell = " ".join(filter(None, (experiment.name, task.method, task.array, task.condition)))
+    cell = " ".join(filter(None, (experiment.name, *task.key)))
     return f"{cell}: {how}, perhaps for lack of memory; the same command with --resume, and fewer --workers, goes on"
 
 
@@ -137,9 +130,3 @@ def _without_gpu(bench: Bench) -> Bench:
         return replace(contender, answer=replace(answer, imager=deepcopy(answer.imager).cpu()))
 
     return replace(bench, contenders=tuple(map(moved, bench.contenders)))
-
-
-def alone(task: Task) -> Values:
-    """In this process, with as many threads as a worker has."""
-    with threadpool_limits(limits=1):
-        return task.compute()

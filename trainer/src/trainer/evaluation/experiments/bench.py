@@ -109,24 +109,16 @@ class Bench:
 class Task:
     """One cell to be filled.
 
-    :param method: contender's method, "truth" for what belongs to none
-    :param array: its array's name
-    :param condition: what was varied, as text
+    :param key: contender's method, "truth" for what belongs to none, its array's name, and what was varied, as text
     :param inputs: fingerprint of what the cell depends on besides its names
     :param compute: the work
     :param device: that the work needs, "cpu" or "cuda"
     """
 
-    method: str
-    array: str
-    condition: str
+    key: tuple[str, str, str]
     inputs: str
     compute: Callable[[], Values]
     device: str = "cpu"
-
-    @property
-    def key(self) -> tuple[str, str, str]:
-        return self.method, self.array, self.condition
 
 
 Results = Mapping[tuple[str, str, str], Values]
@@ -209,21 +201,19 @@ class SceneByScene(Experiment, ABC):
     def tasks(self, bench: Bench) -> Sequence[Task]:
         kept = lru_cache(maxsize=KEPT)(partial(self.scene, bench))
 
-        def cell(contender: Contender, place: int) -> Values:
-            return self.score(bench, contender, place, kept(place))
-
-        def true(compute: Callable[[Any], Values], place: int) -> Values:
-            return compute(kept(place))
+        def cell(score: Callable[[Any], Values], place: int) -> Values:
+            return score(kept(place))
 
         tasks = []
         given = [bench.radar.model_dump(mode="json"), self.inputs(bench)]
         for place, condition in enumerate(map(condition_text, self.conditions(bench))):
             for contender in self.entrants(bench):
-                inputs, compute = digest([*given, contender.inputs]), partial(cell, contender, place)
-                tasks.append(Task(*contender.key, condition, inputs, compute, contender.device))
+                inputs, score = digest([*given, contender.inputs]), partial(self.score, bench, contender, place)
+                key, compute = (*contender.key, condition), partial(cell, score, place)
+                tasks.append(Task(key, inputs, compute, contender.device))
             for array, scored in self.truths(bench, place).items():
                 rx = [list(one.rx) for one in bench.arrays if one.name == array]
-                tasks.append(Task(TRUTH, array, condition, digest([*given, rx]), partial(true, scored, place)))
+                tasks.append(Task((TRUTH, array, condition), digest([*given, rx]), partial(cell, scored, place)))
         return tasks
 
     def pooled(self, contender: Contender) -> Condition | None:

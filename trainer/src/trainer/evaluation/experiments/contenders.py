@@ -121,33 +121,31 @@ def gather(
     loaded = [(path, *load_imager(path)) for path in runs]
     for path, run, _ in loaded:
         same_radar(run.radar, str(path), radar, str(source))
-    kinds = [kind_of(run) for _, run, _ in loaded]
+    places = [(kind_of(run), run.array.rx) for _, run, _ in loaded]
+    kinds = [kind for kind, _ in places]
     chosen = tuple(methods) if methods is not None else (*DEFAULT_METHODS, *sorted(set(kinds)))
     check_methods(chosen)
     for name in NETWORKS:
         if name in chosen and name not in kinds:
             raise InputError("--methods", f"{name!r} without a run of that kind", f"--run RUN of a {_MODELS[name]}")
-    for (path, run, _), kind in zip(loaded, kinds, strict=True):
+    networks = []
+    for (path, run, imager), (kind, rx) in zip(loaded, places, strict=True):
         if kind not in chosen:
             raise InputError("--run", f"{path} is a {kind!r}, not among the methods", f"{kind!r} in --methods")
-        if run.array.rx not in [array.rx for array in arrays]:
+        place = next((place for place, array in enumerate(arrays) if array.rx == rx), None)
+        if place is None:
             known = ", ".join(array.name for array in arrays)
             raise InputError(
-                "--run", f"{path} was trained for array {run.array.name!r}, RX {list(run.array.rx)}",
+                "--run", f"{path} was trained for array {run.array.name!r}, RX {list(rx)}",
                 f"one of the arrays evaluated, {known}; or that array in --arrays",
             )  # fmt: skip
-    estimators = [name for name in chosen if name in ESTIMATORS]
-    contenders = [estimator_contender(name, array, radar) for name in estimators for array in arrays]
-    places = [(kind, run.array.rx) for (_, run, _), kind in zip(loaded, kinds, strict=True)]
-    networks: list[tuple[int, str, int, Contender]] = []
-    for (path, run, imager), place in zip(loaded, places, strict=True):
         # Folders tell two networks of one kind on one array apart.
-        label = place[0] if places.count(place) == 1 else f"{place[0]}:{path.resolve().name}"
-        array = next(array for array in arrays if array.rx == run.array.rx)
-        network = _network(label, array, path, run, imager)
-        networks.append((chosen.index(place[0]), label, arrays.index(array), network))
+        label = kind if places.count((kind, rx)) == 1 else f"{kind}:{path.resolve().name}"
+        network = _network(label, arrays[place], path, run, imager)
+        networks.append(((chosen.index(kind), label, place), network))
+    contenders = [estimator_contender(name, array, radar) for name in chosen if name in ESTIMATORS for array in arrays]
     # The arrays of one method stand beside each other, whatever the order of the runs.
-    contenders += [network for *_, network in sorted(networks, key=lambda entry: entry[:3])]
+    contenders += [network for _, network in sorted(networks, key=lambda entry: entry[0])]
     names = [contender.name for contender in contenders]
     if same := [name for index, name in enumerate(names) if name in names[:index]]:
         raise InputError("--run", f"two runs are named {same[0]!r}", "run folders of different names")
@@ -167,16 +165,11 @@ def estimator_contender(name: str, array: ArrayChoice, radar: Radar) -> Contende
     return Contender(name, array_answer(name, array, radar), inputs, fits=name in FITTED)
 
 
-def run_digest(path: Path, device: str = "cpu") -> str:
-    """Fingerprint of a run's configuration and weights."""
-    content = hashlib.sha256((path / RUN_FILE).read_bytes() + (path / WEIGHTS).read_bytes()).hexdigest()
-    return digest(["run", content, device])
-
-
 def _network(label: str, array: ArrayChoice, path: Path, run: Run, imager: Imager) -> Contender:
     device = "cuda" if torch.cuda.is_available() else "cpu"
     answer = replace(network_answer(run, imager.to(device)), array=array)
+    content = hashlib.sha256((path / RUN_FILE).read_bytes() + (path / WEIGHTS).read_bytes()).hexdigest()
     parameters = sum(parameter.numel() for parameter in imager.parameters())
     # A "cnn" images range bins one by one. It trains on its own samples and takes only the radar from its datasets.
     seen = () if kind_of(run) == "cnn" else run.trained_on
-    return Contender(label, answer, run_digest(path, device), parameters, seen, device, imager.detects)
+    return Contender(label, answer, digest(["run", content, device]), parameters, seen, device, imager.detects)

@@ -43,9 +43,6 @@ CENTRE_U = 0.05
 MOST_REALISATIONS = 24
 """Each is a whole image for a network of whole images."""
 
-Echoes = tuple[NDArray[np.float64], NDArray[np.complex128]]
-"""([K, 3] positions [m], [K] amplitudes [sqrt(W)])."""
-
 
 class Cylinders(SceneByScene):
     """What contenders image around the cylinders, beside what the virtual sensor sees of one of the scenes.
@@ -65,16 +62,12 @@ class Cylinders(SceneByScene):
         return out_of_sight(bench.radar, RANGE_M)
 
     @abstractmethod
-    def echoes(self, bench: Bench, place: int) -> Echoes:
-        """Of a scene."""
+    def places(self, radar: Radar, place: int) -> NDArray[np.float64]:
+        """[K] u of the cylinders of a scene, rising."""
 
     @abstractmethod
-    def places(self, radar: Radar) -> NDArray[np.float64]:
-        """[K] u of the cylinders in the figure, rising."""
-
-    @abstractmethod
-    def judged(self, radar: Radar, place: int, cut: NDArray[np.float64]) -> Values:
-        """The figures of a scene by the range bin of its cylinders [U]."""
+    def judged(self, radar: Radar, true: NDArray[np.float64], cut: NDArray[np.float64]) -> Values:
+        """The figures of a scene by the range bin [U] of its cylinders, which truly stand at these u."""
 
     @abstractmethod
     def note(self, found: Numbers, key: tuple[str, str]) -> str:
@@ -82,6 +75,14 @@ class Cylinders(SceneByScene):
 
     def pooled(self, contender: Contender) -> Condition:
         return self.of_all
+
+    def echoes(self, bench: Bench, place: int) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+        """([K, 3] positions [m], [K] amplitudes [sqrt(W)]) of a scene. The phase of one echo alone plays no part."""
+        u = self.places(bench.radar, place)
+        positions, phase = in_plane(np.full(len(u), RANGE_M), u), np.zeros(1)
+        if len(u) > 1:
+            phase = np.random.default_rng([bench.config.seed, 11, place]).uniform(-np.pi, np.pi, len(u))
+        return positions, target_amplitudes(bench.radar, positions, np.full(len(u), RCS_DBSM), phase)
 
     def scene(self, bench: Bench, place: int) -> NDArray[np.complex64]:
         """[R, C] range-channel matrix with receiver noise [sqrt(W)]."""
@@ -92,7 +93,8 @@ class Cylinders(SceneByScene):
         """image [rows, U] of the range bins around the cylinders; the figures of :meth:`judged`."""
         rows, middle = close_up(bench.radar, RANGE_M)
         image = contender.answer.image_rows(scene, cell_noise_power(bench.radar), rows).astype(np.float32)
-        return {"image": image, **self.judged(bench.radar, place, image[middle].astype(np.float64))}
+        true = self.places(bench.radar, place)
+        return {"image": image, **self.judged(bench.radar, true, image[middle].astype(np.float64))}
 
     def truths(self, bench: Bench, place: int) -> Mapping[str, Callable[[object], Values]]:
         if place != self.shown:
@@ -104,7 +106,7 @@ class Cylinders(SceneByScene):
         shown = condition_text(self.conditions(bench)[self.shown])
         levels = {c.key: own_levels(results[*c.key, shown]["image"]) for c in bench.contenders}
         truth, first = own_levels(results[TRUTH, "", shown]["image"]), int(close_up(bench.radar, RANGE_M)[0][0])
-        marks = [(RANGE_M, float(u)) for u in self.places(bench.radar)]
+        marks = [(RANGE_M, float(u)) for u in self.places(bench.radar, self.shown)]
         notes = {key: self.note(found, key) for key in levels}
         return {self.name: image_panels(levels, truth, bench.radar, first, self.title, marks, self.reach, notes)}
 
@@ -125,19 +127,16 @@ class PointSpread(Cylinders):
     def conditions(self, bench: Bench) -> Sequence[Condition]:
         return [{"u": f"{u:g}"} for u in ANGLES]
 
-    def echoes(self, bench: Bench, place: int) -> Echoes:
-        return _cylinders(bench.radar, np.array([ANGLES[place]]), np.zeros(1))
+    def places(self, radar: Radar, place: int) -> NDArray[np.float64]:
+        return np.array([ANGLES[place]])
 
-    def places(self, radar: Radar) -> NDArray[np.float64]:
-        return np.array([SHOWN_U])
-
-    def judged(self, radar: Radar, place: int, cut: NDArray[np.float64]) -> Values:
+    def judged(self, radar: Radar, true: NDArray[np.float64], cut: NDArray[np.float64]) -> Values:
         """NaN of an empty cut."""
         found, step = point_spread(cut, radar.grid.u), radar.grid.step
         numbers = [math.nan] * len(self.metrics)
         if found is not None:
             sidelobes = (max(level, -REPORT_SPAN_DB) for level in (found.pslr_db, found.islr_db))
-            numbers = [found.width / step, *sidelobes, abs(found.u - ANGLES[place]) / step]
+            numbers = [found.width / step, *sidelobes, abs(found.u - true[0]) / step]
         return {metric: np.asarray(number) for metric, number in zip(self.metrics, numbers, strict=True)}
 
     def note(self, found: Numbers, key: tuple[str, str]) -> str:
@@ -164,22 +163,11 @@ class Reflectors(Cylinders):
     def conditions(self, bench: Bench) -> Sequence[Condition]:
         return [{"realisation": index} for index in range(min(bench.config.trials, MOST_REALISATIONS))]
 
-    def echoes(self, bench: Bench, place: int) -> Echoes:
-        phase = np.random.default_rng([bench.config.seed, 11, place]).uniform(-np.pi, np.pi, 2)
-        return _cylinders(bench.radar, self.places(bench.radar), phase)
-
-    def places(self, radar: Radar) -> NDArray[np.float64]:
+    def places(self, radar: Radar, place: int) -> NDArray[np.float64]:
         return CENTRE_U + resolution_cell(radar) * np.array([-0.5, 0.5])
 
-    def judged(self, radar: Radar, place: int, cut: NDArray[np.float64]) -> Values:
-        both = resolved(strongest_peaks(cut[None], radar.grid.u, 2), self.places(radar)[None])
-        return {PROBABILITY_OF_RESOLUTION: both}
+    def judged(self, radar: Radar, true: NDArray[np.float64], cut: NDArray[np.float64]) -> Values:
+        return {PROBABILITY_OF_RESOLUTION: resolved(strongest_peaks(cut[None], radar.grid.u, 2), true[None])}
 
     def note(self, found: Numbers, key: tuple[str, str]) -> str:
         return f"resolved: {100.0 * found.row(key, PROBABILITY_OF_RESOLUTION, self.of_all).value:.0f} %"
-
-
-def _cylinders(radar: Radar, u: NDArray[np.float64], phase: NDArray[np.float64]) -> Echoes:
-    """The echoes of cylinders at u [K] with phases [K] [rad]."""
-    positions = in_plane(np.full(len(u), RANGE_M), u)
-    return positions, target_amplitudes(radar, positions, np.full(len(u), RCS_DBSM), phase)

@@ -23,7 +23,6 @@ FALSE_ALARMS = (1, 10, 100)
 """A frame, at which the table has the detection probability."""
 SHOWN_FALSE_ALARMS = (0.1, 1000.0)
 """A frame, from and to, in the figure."""
-TITLE = "Detection probability over false alarms"
 
 
 def at_false_alarms(count: int) -> dict[str, object]:
@@ -62,7 +61,8 @@ def count_gains(bench: Bench, scores: FrameScores, found: Numbers) -> None:
 def ranking_figure(bench: Bench, scores: FrameScores) -> Figure:
     """Detection probability over false alarms a frame, a panel for each array."""
     look = Look(one.key for one in bench.contenders)
-    size, title = (4.4 * len(look.arrays) + 0.6, 4.6), f"{TITLE}: {counted(len(scores.refs), 'frame')}"
+    size = 4.4 * len(look.arrays) + 0.6, 4.6
+    title = f"Detection probability over false alarms: {counted(len(scores.refs), 'frame')}"
     figure, (axes,) = panels(1, len(look.arrays), size, title, sharey=True)
     least, most = SHOWN_FALSE_ALARMS
     places = np.geomspace(least, most, 241)
@@ -97,17 +97,6 @@ SCALED_NMSE, SSIM = "NMSE at the best scale", "SSIM of levels"
 IMAGE_METRICS = {"NMSE": "nmse", SCALED_NMSE: "scaled_nmse", SSIM: "ssim"}
 """Names in the table, and in the cells."""
 
-_MATCH: Condition = {"d_max": f"{D_MAX_BINS[0]} bins"}
-SUMMARY = (
-    SummaryColumn("AP", AVERAGE_PRECISION, {}),
-    SummaryColumn("AP over the next best", OVER_NEXT),
-    SummaryColumn("P(detect) at 10 FA", DETECTION_PROBABILITY, at_false_alarms(10)),
-    SummaryColumn("NMSE, best scale", SCALED_NMSE),
-    SummaryColumn("SSIM", SSIM),
-    SummaryColumn("F1", F1, _MATCH),
-    SummaryColumn("unsupported peaks", UNSUPPORTED),
-)
-
 
 class Detection(OfFrames):
     """What is found in scenes, and what is found that is not there?"""
@@ -127,7 +116,15 @@ class Detection(OfFrames):
         "the prominence that a peak needs. Upper line: a detection counts within 2 bins of a truth, lower line: "
         "within 4. The table has the one-to-one scores and image errors beside them."
     )
-    summary = SUMMARY
+    summary = (
+        SummaryColumn("AP", AVERAGE_PRECISION, {}),
+        SummaryColumn("AP over the next best", OVER_NEXT),
+        SummaryColumn("P(detect) at 10 FA", DETECTION_PROBABILITY, at_false_alarms(10)),
+        SummaryColumn("NMSE, best scale", SCALED_NMSE),
+        SummaryColumn("SSIM", SSIM),
+        SummaryColumn("F1", F1, {"d_max": f"{D_MAX_BINS[0]} bins"}),
+        SummaryColumn("unsupported peaks", UNSUPPORTED),
+    )
 
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
         scores = self.scores(bench, results)
@@ -148,18 +145,17 @@ class Detection(OfFrames):
         look = Look(one.key for one in bench.contenders)
         title = f"{self.title}: {counted(len(scores.refs), 'frame')}"
         figure, axes = panels(len(D_MAX_BINS), len(RATES), (11.0, 6.4), title, sharex=True, sharey="col")
-        for contender in bench.contenders:
-            style = {"color": look.colour(contender.method), "ls": look.line(contender.array.name), "lw": 1.3}
-            for line, d_max in enumerate(D_MAX_BINS):
-                swept = [_sweep(d_max, prominence) for prominence in PROMINENCES]
-                for column, metric in enumerate(RATES):
-                    axes[line, column].plot(PROMINENCES, found.values(contender.key, metric, swept), **style)
-        for line, d_max in enumerate(D_MAX_BINS):
-            for column, metric in enumerate(RATES):
-                axis = axes[line, column]
+        for of_distance, d_max in zip(axes, D_MAX_BINS, strict=True):
+            swept = [_sweep(d_max, prominence) for prominence in PROMINENCES]
+            for axis, metric in zip(of_distance, RATES, strict=True):
+                for one in bench.contenders:
+                    style = {"color": look.colour(one.method), "ls": look.line(one.array.name), "lw": 1.3}
+                    axis.plot(PROMINENCES, found.values(one.key, metric, swept), **style)
                 axis.grid(alpha=0.25)
                 axis.set_title(f"{metric}, $d_{{max}}$ = {d_max} bins")
-                axis.set_ylim(bottom=0.0)
+        # Both of a column have the same limits, which do not move any more: after all lines.
+        for axis in axes.ravel():
+            axis.set_ylim(bottom=0.0)
         for axis in axes[-1]:
             axis.set_xlabel("prominence of a peak, of the maximum")
         legend_below(figure, [*look.method_handles(), *look.array_handles(markers=False)])

@@ -100,7 +100,7 @@ class Doppler(FrameByFrame):
         pictures.append(("maximum of all", level_db(shown.max(axis=0), reference)))
         truth = range_weighted(true_magnitude(load_frame(ref)))
         pictures.append(("truth of the strongest", level_db(truth, float(truth.max()))))
-        moving = [target for target in frame.targets if _place(target, frame, radar) == 1]
+        moving = _moving(frame, radar)
         for axis, (name, levels) in zip(axes[0, 1:], pictures, strict=True):
             draw_image(axis, levels, radar, name)
             axis.set(xlabel="u = sin(azimuth)", yticklabels=[])
@@ -113,20 +113,18 @@ class Doppler(FrameByFrame):
 @lru_cache(maxsize=1)
 def moving_frames(bench: Bench) -> tuple[FrameRef, ...]:
     """Up to :data:`MOST_FRAMES`, those with most targets outside the strongest Doppler peak first."""
-    radar = bench.radar
-
-    def moving(ref: FrameRef) -> int:
-        frame = load_frame(ref)
-        return sum(_place(target, frame, radar) == 1 for target in frame.targets)
-
-    counts = {ref: moving(ref) for ref in bench.frames}
-    return tuple(sorted(bench.frames, key=lambda ref: -counts[ref])[:MOST_FRAMES])
+    return tuple(sorted(bench.frames, key=lambda ref: -len(_moving(load_frame(ref), bench.radar)))[:MOST_FRAMES])
 
 
 def shown_contender(bench: Bench) -> Contender:
     """The first network of whole images; the first contender where there is none."""
     networks = [contender for contender in bench.contenders if contender.parameters and not contender.answer.row_wise]
     return networks[0] if networks else bench.contenders[0]
+
+
+def _moving(frame: Frame, radar: Radar) -> list[Target]:
+    """The targets outside the strongest Doppler peak."""
+    return [target for target in frame.targets if _place(target, frame, radar) == 1]
 
 
 def _place(target: Target, frame: Frame, radar: Radar) -> int | None:
@@ -149,11 +147,10 @@ def score_peaks(radar: Radar, contender: Contender, frame: Frame, keep: bool) ->
     images = [contender.answer.image(snapshot, frame.noise_power) for snapshot in frame.range_channel]
     counts = np.zeros((len(PLACES), 3))
     for target in frame.targets:
-        place = _place(target, frame, radar)
-        if place is None:
-            continue
-        hits = [_found(image, velocity, target, radar) for image, velocity in zip(images, frame.velocity, strict=True)]
-        counts[place] += [1, hits[0], any(hits)]
+        if (place := _place(target, frame, radar)) is not None:
+            peaks = zip(images, frame.velocity, strict=True)
+            hits = [_found(image, velocity, target, radar) for image, velocity in peaks]
+            counts[place] += [1, hits[0], any(hits)]
     return {"found": counts, **({"images": np.array(images, dtype=np.float32)} if keep else {})}
 
 

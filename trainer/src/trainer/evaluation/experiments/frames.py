@@ -4,10 +4,10 @@ share."""
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from functools import lru_cache, partial
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +18,7 @@ from shared.dataset.reading import read_frame
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
 from trainer.data.motion import known_world
-from trainer.evaluation.experiments.bench import (
-    KEPT,
-    Bench,
-    FrameRef,
-    Results,
-    SceneByScene,
-)
+from trainer.evaluation.experiments.bench import KEPT, Bench, FrameRef, Results, SceneByScene
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.page import scene_levels
 from trainer.evaluation.report.tables import Condition
@@ -55,38 +49,33 @@ def frame_refs(dataset: Dataset, split: str, most: int) -> tuple[tuple[FrameRef,
 
     :raises InputError: a split without frames
     """
-    kept: dict[str, list[FrameRef]] = {}
-    left_out: dict[str, int] = {}
-    rows = dataset.rows(split)
-    for (path, row), frame in zip(rows, dataset.frames(split, ()), strict=True):
-        of_kind = kept.setdefault(frame.kind, [])
-        if len(of_kind) < most:
-            of_kind.append(FrameRef(path, row, frame.frame_id, frame.kind, frame.scene))
-        else:
-            left_out[frame.kind] = left_out.get(frame.kind, 0) + 1
-    return tuple(ref for of_kind in kept.values() for ref in of_kind), left_out
+    refs = [
+        FrameRef(path, row, frame.frame_id, frame.kind, frame.scene)
+        for (path, row), frame in zip(dataset.rows(split), dataset.frames(split, ()), strict=True)
+    ]
+    kinds = grouped(refs, "kind")
+    left_out = {kind: len(of_kind) - most for kind, of_kind in kinds.items() if len(of_kind) > most}
+    return tuple(ref for of_kind in kinds.values() for ref in of_kind[:most]), left_out
 
 
-def by_scene(refs: Sequence[FrameRef]) -> dict[str, list[FrameRef]]:
-    """The frames by scene, in order of appearance."""
-    scenes: dict[str, list[FrameRef]] = {}
-    for ref in refs:
-        scenes.setdefault(ref.scene, []).append(ref)
-    return scenes
+def grouped(refs: Sequence[FrameRef], by: Literal["kind", "scene"]) -> dict[str, list[FrameRef]]:
+    """The frames by their kind or scene, in order of appearance."""
+    names = dict.fromkeys(getattr(ref, by) for ref in refs)
+    return {name: [ref for ref in refs if getattr(ref, by) == name] for name in names}
 
 
 def one_of_each_scene(refs: Sequence[FrameRef], count: int) -> tuple[FrameRef, ...]:
     """``count`` frames, the first of each scene before the second of any."""
-    turns = [(turn, ref) for of_scene in by_scene(refs).values() for turn, ref in enumerate(of_scene)]
+    turns = [(turn, ref) for of_scene in grouped(refs, "scene").values() for turn, ref in enumerate(of_scene)]
     return tuple(ref for _, ref in sorted(turns, key=lambda entry: entry[0])[:count])
 
 
 class FrameByFrame(SceneByScene):
     """An experiment whose scenes are frames of the test split."""
 
-    @abstractmethod
     def frames(self, bench: Bench) -> Sequence[FrameRef]:
         """The frames that have cells."""
+        return bench.frames
 
     def conditions(self, bench: Bench) -> Sequence[Condition]:
         return [ref.named for ref in self.frames(bench)]
@@ -99,24 +88,17 @@ class FrameByFrame(SceneByScene):
 
 
 class OfFrames(FrameByFrame):
-    """An experiment on the scores of single frames, whose cells it shares with the others.
-
-    :cvar scenes_alone: it looks at the frames of scenes and not at those of point targets
-    """
+    """An experiment on the scores of single frames, whose cells it shares with the others."""
 
     cells = CELLS
-    scenes_alone: bool = True
 
     def refs(self, bench: Bench) -> tuple[FrameRef, ...]:
-        """The frames that it looks at."""
-        return scene_frames(bench) if self.scenes_alone else bench.frames
+        """The frames that it looks at, those of scenes and not those of point targets."""
+        return tuple(ref for ref in bench.frames if ref.kind == "scene")
 
     def scores(self, bench: Bench, results: Results) -> FrameScores:
         """Of the frames that it looks at."""
         return FrameScores(results, self.refs(bench))
-
-    def frames(self, bench: Bench) -> Sequence[FrameRef]:
-        return bench.frames
 
     def score(self, bench: Bench, contender: Contender, place: int, scene: Frame) -> Values:
         return score_frame(contender, scene)
@@ -131,10 +113,6 @@ class OfFrames(FrameByFrame):
         if min(shape) >= SSIM_WINDOW:
             return None
         return f"images have {shape[0]} x {shape[1]} bins, SSIM's window {SSIM_WINDOW} x {SSIM_WINDOW}"
-
-
-def scene_frames(bench: Bench) -> tuple[FrameRef, ...]:
-    return tuple(ref for ref in bench.frames if ref.kind == "scene")
 
 
 @lru_cache(maxsize=KEPT)

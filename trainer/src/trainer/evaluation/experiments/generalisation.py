@@ -13,7 +13,7 @@ from shared.physics.errors import figure_text
 from trainer.evaluation.experiments.bench import Bench, FrameRef, Results
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.detection import SSIM, count_frames
-from trainer.evaluation.experiments.frames import FrameByFrame, FrameScores, OfFrames, by_scene
+from trainer.evaluation.experiments.frames import FrameByFrame, FrameScores, OfFrames, grouped
 from trainer.evaluation.report.figures import Look, counted, draw_bar, legend_below, panels
 from trainer.evaluation.report.tables import AVERAGE_PRECISION, Condition, Numbers
 from trainer.evaluation.store import Values
@@ -29,7 +29,6 @@ class Generalisation(OfFrames):
     """Is a scene worse than another, and was it trained on?"""
 
     name = "generalisation"
-    scenes_alone = False
     title = "Scores by scene"
     caption = (
         "The test frames of each scene apart, and close point targets as a scene of their own. A filled bar belongs "
@@ -37,13 +36,16 @@ class Generalisation(OfFrames):
         "nothing; a hatched one to a network that never saw the scene, or of which it is not known."
     )
 
+    def refs(self, bench: Bench) -> tuple[FrameRef, ...]:
+        return bench.frames
+
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
-        for scene, refs in by_scene(bench.frames).items():
+        for scene, refs in grouped(bench.frames, "scene").items():
             for contender in bench.contenders:
                 count_frames(FrameScores(results, refs), contender.key, _condition(bench, contender, scene), found)
 
     def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
-        scenes = by_scene(bench.frames)
+        scenes = grouped(bench.frames, "scene")
         look = Look(one.key for one in bench.contenders)
         width = max(7.0, 1.2 + len(scenes) * (0.28 * len(bench.contenders) + 0.4))
         figure, grid = panels(len(SHOWN), 1, (width, 6.0), self.title, sharex=True)

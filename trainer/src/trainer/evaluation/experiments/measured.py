@@ -31,13 +31,11 @@ from trainer.evaluation.experiments.measured_input import MeasuredInput, snapsho
 from trainer.evaluation.report.tables import Numbers
 from trainer.evaluation.store import Values
 from trainer.metrics.bootstrap import Interval
-from trainer.run.answers import NetworkAnswer, Told, network_answer
+from trainer.run.answers import NetworkAnswer, Told, estimator_answer, network_answer
 from trainer.run.detections import CANDIDATES
 from trainer.run.folder import RUN_FILE, load_imager
 from trainer.run.other_radars import fitted_imager
 
-NAME = "measured"
-"""As ``--experiments`` takes it."""
 LINES = "lines.md"
 """File of the lines of all methods."""
 Found = dict[tuple[str, str], Values]
@@ -52,9 +50,6 @@ leave -19 to -21 dB of a row's power."""
 MOST_LINES = 8
 FOUND_WITHIN_DEG = 1.0
 WITHIN = f"within {FOUND_WITHIN_DEG:g} deg"
-HANN = (0.0, -0.5, 1.0, -0.5, 0.0)
-"""What a point in the middle of a range bin is in its neighbours: a network that looks along range is shown a snapshot
-so."""
 
 
 class Measured(Experiment):
@@ -65,7 +60,7 @@ class Measured(Experiment):
     :param networks: with the name that tables have for them, see :func:`fitting_networks`
     """
 
-    name = NAME
+    name = "measured"
     title = "A measured row"
     caption = (
         "One row of measured channels, and parts of it. Levels below each spectrum's maximum; dotted, where the number "
@@ -97,7 +92,10 @@ class Measured(Experiment):
             numbers["power left [dB]"] = float(values["left_db"])
             if len(self._reference):
                 which = "both" if len(self._reference) == 2 else "all"
-                numbers[f"{which} {WITHIN}"] = float(_all_found(angles, self._reference))
+                # As many lines as the reference, each near one.
+                as_many = len(angles) == len(self._reference)
+                near = as_many and np.all(np.abs(np.sort(angles) - self._reference) <= FOUND_WITHIN_DEG)
+                numbers[f"{which} {WITHIN}"] = float(near)
             for metric, value in numbers.items():
                 found.add(key, metric, {}, Interval(value, math.nan, math.nan))
 
@@ -107,42 +105,40 @@ class Measured(Experiment):
             near = [row.value for row in found.rows if row.array == array and row.metric.endswith(WITHIN)]
             if near:
                 notes[array] = f"{sum(near):.0f} of {len(near)} find all {WITHIN}"
-        drawn = {NAME: cut_figure(self.measured, self.title, self._spectra, self._reference, notes)}
+        drawn = {self.name: cut_figure(self.measured, self.title, self._spectra, self._reference, notes)}
         if self._pictures:
-            drawn[f"{NAME}-picture"] = cartesian_figure(self.measured, self._pictures)
+            drawn[f"{self.name}-picture"] = cartesian_figure(self.measured, self._pictures)
         return drawn
 
     def texts(self) -> dict[str, str]:
         return {LINES: _line_list(self.measured, self._spectra, self._reference)}
 
     def _look(self) -> None:
-        measured, methods = self.measured, self._methods
+        measured, methods, frame = self.measured, self._methods, self.measured.frame
         places, left = reference_lines(measured)
         self._reference = _degrees(places)
         for name, elements in measured.elements.items():
+            x, line = measured.snapshot[None, elements], measured.line(elements)
+            # Where the number of targets is known the noise is what as many lines leave, if that is more.
+            noise = np.maximum(row_noise(x, frame.noise_power, frame.model_error_db), left)
             for method in methods or METHODS:
                 if _applies(method, measured, elements):
-                    x, line = measured.snapshot[None, elements], measured.line(elements)
-                    # Where the number of targets is known the noise is what as many lines leave, if that is more.
-                    stated = row_noise(x, measured.noise_power, measured.model_error_db)
-                    image = _estimator(method, measured.targets).image(x, line, measured.u, np.maximum(stated, left))
+                    image = _estimator(method, measured.targets).image(x, line, measured.u, noise)
                     self._spectra[method, name] = _judged(measured, elements, measured.u, image[0])
-        if measured.frame is not None:
+        if measured.radar is not None:
+            unused = tuple(np.flatnonzero(measured.element < 0).tolist())
             for method in methods or PICTURED:
                 if method in PICTURED:
-                    self._pictures[method, next(iter(measured.elements))] = _picture(measured, method)
+                    images, _ = estimator_answer(method, measured.radar, unused).peaks(frame)
+                    key = method, next(iter(measured.elements))
+                    self._pictures[key] = {"image": images[0], "u": measured.radar.grid.u}
         for name, answer in self._networks:
-            key, elements, u = (name, answer.array.name), _elements(measured, answer), answer.radar.grid.u
-            told = Told(measured.noise_power, measured.model_error_db)
-            if measured.frame is None:
-                rows = (np.array(HANN)[:, None] * measured.snapshot).astype(np.complex64)
-                images, _ = answer.images(rows[None], told)
-                spectrum = images[0, HANN.index(1.0)]
-            else:
-                images, _ = answer.images(measured.frame.range_channel[:1], told)
+            key, u = (name, answer.array.name), answer.radar.grid.u
+            images, _ = answer.images(frame.range_channel, Told(frame.noise_power, frame.model_error_db))
+            if measured.radar is not None:
                 self._pictures[key] = {"image": images[0], "u": u}
-                spectrum = images[0, measured.row]
-            self._spectra[key] = _judged(measured, elements, u, spectrum.astype(np.float64))
+            spectrum = images[0, measured.row].astype(np.float64)
+            self._spectra[key] = _judged(measured, measured.element[answer.channels], u, spectrum)
 
 
 def fitting_networks(
@@ -159,7 +155,7 @@ def fitting_networks(
             radar = measured.radar or snapshot_radar(measured, run.radar)
             fitted, channels, _ = fitted_imager(run, imager, str(path), radar, str(measured.path))
             answer = network_answer(run, fitted, channels, radar)
-            if (_elements(measured, answer) < 0).any():
+            if (measured.element[answer.channels] < 0).any():
                 problem = f"a channel of {run.array.name!r} is dead or off the line"
                 raise InputError(measured.path, problem, "all of them alive")
             name = f"{kind_of(run)}:{path.resolve().name}" if len(runs) > 1 else kind_of(run)
@@ -169,11 +165,6 @@ def fitting_networks(
                 raise
             obstacles.append(f"left out: {error}")
     return networks, obstacles
-
-
-def _elements(measured: MeasuredInput, answer: NetworkAnswer) -> NDArray[np.intp]:
-    """[C] of the row, which a network looks at; -1 for a channel that the row does not have."""
-    return answer.channels if measured.frame is None else measured.element[answer.channels]
 
 
 def _line_list(measured: MeasuredInput, spectra: Found, reference: NDArray[np.float64]) -> str:
@@ -191,10 +182,10 @@ def _line_list(measured: MeasuredInput, spectra: Found, reference: NDArray[np.fl
     if measured.targets is not None:
         angles = ", ".join(f"{angle:.3f}" for angle in reference)
         told = f", {measured.targets} told (maximum likelihood of as many on all elements: {angles} deg)"
-    where = ""
-    if measured.radar is not None:
-        where = f", range {measured.row * measured.radar.waveform.range_step_m:.2f} m"
-    error = "no model error" if math.isinf(measured.model_error_db) else f"model error {measured.model_error_db:g} dB"
+    step = None if measured.radar is None else measured.radar.waveform.range_step_m
+    where = "" if step is None else f", range {measured.row * step:.2f} m"
+    error_db = measured.frame.model_error_db
+    error = "no model error" if math.isinf(error_db) else f"model error {error_db:g} dB"
     return f"Measured row{where}{told}, {error}\n\n" + "\n".join(tables)
 
 
@@ -221,13 +212,11 @@ def _applies(method: str, measured: MeasuredInput, elements: NDArray[np.intp]) -
 
 
 def _estimator(method: str, targets: int | None) -> Estimator:
-    if method == LINE_FIT:
-        return LineFit()
-    if method == "ml":
-        assert targets is not None
+    if method == "ml" and targets is not None:
         return MaximumLikelihood(targets)
     # AIC knows white noise alone: it counts errors of calibration as targets where it is not told their number.
-    made: dict[str, Callable[[], Estimator]] = {**ESTIMATORS, "music-fbss": lambda: Music("forward-backward", targets)}
+    made: dict[str, Callable[[], Estimator]] = {**ESTIMATORS, LINE_FIT: LineFit}
+    made["music-fbss"] = lambda: Music("forward-backward", targets)
     return made[method]()
 
 
@@ -270,22 +259,5 @@ def _judged(
     }  # fmt: skip
 
 
-def _picture(measured: MeasuredInput, method: str) -> Values:
-    """[R, U] image of the strongest Doppler peaks of a cube."""
-    assert measured.radar is not None
-    rows = measured.rows.astype(np.complex128)
-    noise = np.asarray(row_noise(rows, measured.noise_power, measured.model_error_db))
-    line = measured.line(np.arange(rows.shape[1]))
-    image = _estimator(method, measured.targets).image(rows, line, measured.radar.grid.u, noise)
-    return {"image": image.astype(np.float32), "u": measured.radar.grid.u}
-
-
 def _degrees(u: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.rad2deg(np.arcsin(np.clip(u, -1.0, 1.0)))
-
-
-def _all_found(angles: NDArray[np.float64], reference: NDArray[np.float64]) -> bool:
-    """Whether the lines, as many as the reference, are each near one."""
-    if len(angles) != len(reference):
-        return False
-    return bool(np.all(np.abs(np.sort(angles) - reference) <= FOUND_WITHIN_DEG))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +18,15 @@ from shared.signal.tdm import averaged
 from trainer.captures.reading import read_arrays
 from trainer.data.arrays import ArrayChoice
 from trainer.data.measurements import Measurement, open_measurements
-from trainer.estimators.base import LineArray
+from trainer.estimators.base import LineArray, line_array
 
 CARRIER_HZ = 77e9
 """Taken for a snapshot, of which no radar is known; u does not depend on it, since the elements stand half a wavelength
 apart."""
 WAVELENGTH_M = SPEED_OF_LIGHT / CARRIER_HZ
+HANN = (0.0, -0.5, 1.0, -0.5, 0.0)
+"""What a point in the middle of a range bin is in its neighbours: a network that looks along range is shown a snapshot
+so."""
 FIRST = (48, 10)
 """Elements of a snapshot that are looked at alone: the full array of the paper, and few."""
 LEAST_ELEMENTS = 5
@@ -42,14 +45,14 @@ class MeasuredInput:
     :param positions_m: [C] y_tx + y_rx
     :param u: [U] angles scanned
     :param elements: indices of the channels that form an array, by its name; the first has all
-    :param noise_power: thermal, of one channel; 0 where it is not known
-    :param model_error_db: of the row's power, see :mod:`shared.signal.model_error`
     :param targets: in the row, where the number is known
-    :param frame, row: of a cube, and the range bin
-    :param radar: of the cube
-    :param rows: [R, C] all range bins of the cube in the strongest Doppler peak
-    :param element: which element of the snapshot each of the cube's channels is, -1 for dead ones and those off the
+    :param frame: the row among its neighbours, in the strongest Doppler peak of a cube; its noise is 0 where it is not
+        known
+    :param row: its range bin there
+    :param element: which element of the snapshot each of the frame's channels is, -1 for dead ones and those off the
         azimuth line; channels that coincide are one element, their mean
+    :param radar: of a cube
+    :raises InputError: more targets than the elements of its smallest array can tell
     """
 
     path: Path
@@ -58,14 +61,16 @@ class MeasuredInput:
     wavelength_m: float
     u: NDArray[np.float64]
     elements: dict[str, NDArray[np.intp]]
-    noise_power: float
-    model_error_db: float
     targets: int | None
+    frame: Measurement
+    row: int
+    element: NDArray[np.intp]
     radar: Radar | None = None
-    frame: Measurement | None = None
-    row: int = 0
-    rows: NDArray[np.complexfloating] = field(default_factory=lambda: np.empty((0, 0), dtype=np.complex64))
-    element: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, dtype=np.intp))
+
+    def __post_init__(self) -> None:
+        fewest = min(map(len, self.elements.values()))
+        if self.targets is not None and self.targets > fewest // 2:
+            raise InputError("--targets", f"{self.targets} with {fewest} elements", f"at most {fewest // 2}")
 
     def line(self, elements: NDArray[np.intp]) -> LineArray:
         """The places of some of its channels."""
@@ -98,10 +103,10 @@ def read_measured(
     sets = {f"all {len(snapshot)}": everything}
     sets.update({f"first {first}": everything[:first] for first in FIRST if first < len(snapshot)})
     error = UNCALIBRATED_DB if model_error_db is None else model_error_db
-    found = MeasuredInput(
-        path, snapshot, half_wavelength_line(everything).positions_m, WAVELENGTH_M, AXIS, sets, 0.0, error, targets
-    )
-    return _checked(found)
+    rows = (np.array(HANN)[:, None] * snapshot).astype(np.complex64)[None]
+    frame = Measurement(path.stem, 0, rows, np.zeros(rows.shape[:2], np.float32), 0.0, None, error)
+    places = half_wavelength_line(everything).positions_m
+    return MeasuredInput(path, snapshot, places, WAVELENGTH_M, AXIS, sets, targets, frame, HANN.index(1.0), everything)
 
 
 def read_snapshot(path: Path) -> NDArray[np.complex128]:
@@ -141,14 +146,14 @@ def with_arrays(found: MeasuredInput, radar: Radar, arrays: Sequence[ArrayChoice
             if (kept >= 0).any() and array.name not in sets:
                 sets[array.name] = kept[kept >= 0]
     else:
-        places = radar.array.virtual[:, 1]
-        line = LineArray(places, radar.waveform.wavelength_m)
-        grid = np.round((places - places.min()) / (line.spacing_m or 0.5 * line.wavelength_m)).astype(int)
+        line = line_array(radar)
+        steps = (line.positions_m - line.positions_m.min()) / (line.spacing_m or 0.5 * line.wavelength_m)
+        grid = np.round(steps).astype(int)
         for array in arrays:
             thinned = np.sort(grid[array.channels(radar)])
             if len(thinned) < len(grid) and thinned[-1] < len(found.snapshot):
                 sets[f"{array.name} of {grid.max() + 1}"] = thinned.astype(np.intp)
-    return _checked(replace(found, elements=sets))
+    return replace(found, elements=sets)
 
 
 def snapshot_radar(found: MeasuredInput, like: Radar) -> Radar:
@@ -184,18 +189,9 @@ def _of_cube(path: Path, targets: int | None, range_m: float | None, model_error
         if not 0 <= row < bins:
             raise InputError("--range", f"{range_m:g} m", f"0 to {(bins - 1) * step:.4g} m, which {path} holds")
     error = frame.model_error_db if model_error_db is None else model_error_db
-    line = LineArray(places[:, 1], radar.waveform.wavelength_m)
+    strongest = replace(frame, range_channel=frame.range_channel[:1], velocity=frame.velocity[:1], model_error_db=error)
     u = np.arange(radar.grid.u_start, radar.grid.u_stop, AXIS_STEP)
-    found = MeasuredInput(
-        path, rows[row].astype(np.complex128), line.positions_m, line.wavelength_m, u,
-        {"full": np.arange(len(places))}, frame.noise_power, error, targets, radar, frame, row, rows, element,
+    return MeasuredInput(
+        path, rows[row].astype(np.complex128), places[:, 1], radar.waveform.wavelength_m, u,
+        {"full": np.arange(len(places))}, targets, strongest, row, element, radar,
     )  # fmt: skip
-    return _checked(found)
-
-
-def _checked(found: MeasuredInput) -> MeasuredInput:
-    """:raises InputError: more targets than the elements of its smallest array can tell"""
-    fewest = min(len(elements) for elements in found.elements.values())
-    if found.targets is not None and found.targets > fewest // 2:
-        raise InputError("--targets", f"{found.targets} with {fewest} elements", f"at most {fewest // 2}")
-    return found

@@ -24,7 +24,6 @@ LEVEL_PROBABILITY = 1e-4
 """That delay-and-sum of noise exceeds the level at any one angle."""
 HALF = 0.5
 METRIC = "false alarms a noise-only frame"
-SUMMARY = (SummaryColumn("false alarms", METRIC, digits=1),)
 
 
 class NoiseOnly(SceneByScene):
@@ -37,7 +36,7 @@ class NoiseOnly(SceneByScene):
         "delay-and-sum of the same array exceeds with a probability of 1e-4 at each angle, of probabilities above "
         "0.5. Images relative to their own peak have no level and are left out. Bars: 95 % intervals."
     )
-    summary = SUMMARY
+    summary = (SummaryColumn("false alarms", METRIC, digits=1),)
     metrics = (METRIC,)
 
     def obstacle(self, bench: Bench) -> str | None:

@@ -38,11 +38,6 @@ CEILING = "ml"
 LINES = ", lines"
 """After the name of a method whose peaks begin a fit of lines."""
 ERROR_OVER_BOUND = "RMSE over bound"
-SUMMARY = (
-    SummaryColumn("P(resolve) 1 RL", PROBABILITY_OF_RESOLUTION, Condition(1.0, SHOWN_SNR_DB).named),
-    SummaryColumn("0.5 RL", PROBABILITY_OF_RESOLUTION, Condition(0.5, SHOWN_SNR_DB).named),
-)
-"""Pairs of equal targets."""
 
 
 class Resolution(SceneByScene):
@@ -59,7 +54,10 @@ class Resolution(SceneByScene):
         "a hundred costs far more than the bound, and at 40 dB the front's curvature at 12 m costs all as much as the "
         "noise."
     )
-    summary = SUMMARY
+    summary = (  # of pairs of equal targets
+        SummaryColumn("P(resolve) 1 RL", PROBABILITY_OF_RESOLUTION, Condition(1.0, SHOWN_SNR_DB).named),
+        SummaryColumn("0.5 RL", PROBABILITY_OF_RESOLUTION, Condition(0.5, SHOWN_SNR_DB).named),
+    )
 
     def obstacle(self, bench: Bench) -> str | None:
         return no_room(bench.radar, max(SEPARATIONS))
@@ -144,10 +142,9 @@ def locate_targets(contender: Contender, trials: Trials) -> Values:
         found = MaximumLikelihood(targets).locate(flat, contender.answer.line)[0]
     elif contender.method.endswith(LINES):
         found = contender.locate(trials)
+    elif targets == 1:
+        spreads = [point_spread(image, u) for image in contender.image_trials(trials)]
+        found = np.array([[math.nan if spread is None else spread.u] for spread in spreads])
     else:
-        if targets == 1:
-            spreads = [point_spread(image, u) for image in contender.image_trials(trials)]
-            found = np.array([[math.nan if spread is None else spread.u] for spread in spreads])
-        else:
-            found = strongest_peaks(contender.score_trials(trials), u, targets)
+        found = strongest_peaks(contender.score_trials(trials), u, targets)
     return {"found": found, "u": trials.u, "phase_rad": trials.phase_rad}

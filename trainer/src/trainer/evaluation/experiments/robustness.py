@@ -52,22 +52,18 @@ SIZES: Mapping[str, Sequence[float]] = {
     "RX position error": (0.0, 0.1, 0.2, 0.4, 0.8),
     "SNR": (0.0, 10.0, SNR_DB, 30.0),
 }
-"""0, or the SNR of all, is the ideal sensor, and the same cell in every list."""
 IDEAL = Impairment("SNR", SNR_DB)
 METRICS = (PROBABILITY_OF_RESOLUTION, "false peaks a trial")
 
 
+def swept(kind: str) -> list[Impairment]:
+    """Of one kind. Where there is no error it is the ideal sensor, which is the same cell for all kinds."""
+    return [IDEAL if kind != "SNR" and size == 0 else Impairment(kind, size) for size in SIZES[kind]]
+
+
 def impairments() -> list[Impairment]:
     """All, the ideal sensor first and once."""
-    return [
-        IDEAL,
-        *(
-            Impairment(kind, size)
-            for kind, sizes in SIZES.items()
-            for size in sizes
-            if size != (SNR_DB if kind == "SNR" else 0)
-        ),
-    ]
+    return list(dict.fromkeys([IDEAL, *(one for kind in SIZES for one in swept(kind))]))
 
 
 def displaced(array: AntennaArray, deviation_mm: float, generator: np.random.Generator) -> AntennaArray:
@@ -151,12 +147,11 @@ class Robustness(SceneByScene):
         for column, (kind, sizes) in enumerate(SIZES.items()):
             unit = f" [{UNITS[kind]}]" if UNITS[kind] else ""
             axes[-1, column].set_xlabel(f"{kind}{unit}")
-            shown = [IDEAL if kind != "SNR" and size == 0 else Impairment(kind, size) for size in sizes]
             for line, metric in enumerate(METRICS):
                 axis = axes[line, column]
                 axis.grid(alpha=0.25)
                 for contender in bench.contenders:
-                    means = found.values(contender.key, metric, [one.named for one in shown])
+                    means = found.values(contender.key, metric, [one.named for one in swept(kind)])
                     axis.plot(
                         sizes, means, color=look.colour(contender.method), ls=look.line(contender.array.name),
                         marker=look.marker(contender.array.name), ms=3.5, lw=look.weight(contender.method),

@@ -48,7 +48,8 @@ class Street(FrameByFrame):
     )
 
     def frames(self, bench: Bench) -> Sequence[FrameRef]:
-        return shown_frames(bench)
+        """Those that report and figure show."""
+        return one_of_each_scene(bench.frames, bench.config.shown)
 
     def score(self, bench: Bench, contender: Contender, place: int, scene: Frame) -> Values:
         world = known_world(vars(scene), bench.radar)
@@ -56,10 +57,11 @@ class Street(FrameByFrame):
         return {"levels": to_bytes(scene_levels(image, contender.answer.unit, true_magnitude(scene)))}
 
     def truths(self, bench: Bench, place: int) -> Mapping[str, Callable[[Frame], Values]]:
-        return {"": partial(_truth, bench.radar, shown_frames(bench)[place])}
+        return {"": partial(_truth, bench.radar, self.frames(bench)[place])}
 
     def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
-        ref = next((ref for ref in shown_frames(bench) if ref.kind == "scene"), shown_frames(bench)[0])
+        shown = self.frames(bench)
+        ref = next((ref for ref in shown if ref.kind == "scene"), shown[0])
         truth = np.maximum(from_bytes(results[TRUTH, "", ref.condition]["levels"]), -SPAN_DB)
         drawn = {}
         for array in (one.name for one in bench.arrays):
@@ -70,44 +72,32 @@ class Street(FrameByFrame):
             drawn[f"{self.name}-{array}"] = image_sheet(levels, truth, bench.radar, title)
         return drawn
 
+    def report_frames(self, bench: Bench, results: Results, dataset: Dataset) -> list[ReportFrame]:
+        """The frames to look at.
 
-def shown_frames(bench: Bench) -> tuple[FrameRef, ...]:
-    """The frames that report and figure show."""
-    return one_of_each_scene(bench.frames, bench.config.shown)
-
-
-def report_frames(bench: Bench, results: Results, dataset: Dataset) -> list[ReportFrame]:
-    """The frames to look at.
-
-    :param results: the cells of the street
-    :param dataset: whose camera pictures stand beside them
-    """
-    frames = []
-    for ref in shown_frames(bench):
-        known = results[TRUTH, "", ref.condition]
-        truth, doppler = known["levels"], (WHOLE if known["doppler_whole"] else PEAKS, known["doppler"])
-        images = {one.name: results[*one.key, ref.condition]["levels"] for one in bench.contenders}
-        # The cut starts where the truth is strongest.
-        row = int(truth.max(axis=1).argmax())
-        camera = small_picture(dataset, ref.frame_id)
-        frames.append(ReportFrame(f"{ref.scene}, frame {ref.frame_id}", row, {**images, TRUTH: truth}, doppler, camera))
-    return frames
+        :param dataset: whose camera pictures stand beside them
+        """
+        frames = []
+        for ref in self.frames(bench):
+            known = results[TRUTH, "", ref.condition]
+            truth, doppler = known["levels"], (WHOLE if known["doppler_whole"] else PEAKS, known["doppler"])
+            images = {one.name: results[*one.key, ref.condition]["levels"] for one in bench.contenders}
+            # The cut starts where the truth is strongest.
+            row, name = int(truth.max(axis=1).argmax()), f"{ref.scene}, frame {ref.frame_id}"
+            camera = small_picture(dataset, ref.frame_id)
+            frames.append(ReportFrame(name, row, {**images, TRUTH: truth}, doppler, camera))
+        return frames
 
 
 def _truth(radar: Radar, ref: FrameRef, frame: Frame) -> Values:
     """levels [R, U] of the truth; doppler [R, chirps] levels of the range-Doppler map, and whether it is the whole."""
     truth = true_magnitude(frame)
-    title, magnitude = doppler_map(_with_doppler(ref), radar)
+    with open_shard(ref.path) as file:
+        stored = [name for name in ("range_doppler", "cube") if name in file.schema_arrow.names]
+    title, magnitude = doppler_map(read_frame(ref.path, ref.row, ("range_channel", "velocity", *stored)), radar)
     weighted = range_weighted(magnitude)
     return {
         "levels": to_bytes(scene_levels(truth, AMPLITUDE, truth)),
         "doppler": to_bytes(level_db(weighted, float(weighted.max()), REPORT_SPAN_DB)),
         "doppler_whole": np.asarray(title == WHOLE),
     }
-
-
-def _with_doppler(ref: FrameRef) -> Frame:
-    """The frame with what its shard has of Doppler."""
-    with open_shard(ref.path) as file:
-        stored = [name for name in ("range_doppler", "cube") if name in file.schema_arrow.names]
-    return read_frame(ref.path, ref.row, ("range_channel", "velocity", *stored))

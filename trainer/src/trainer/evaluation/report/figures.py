@@ -60,8 +60,6 @@ STYLE: dict[Any, Any] = {
 MARK_ABOVE_BINS = 3.0
 """From a target to the tip that points at it."""
 SHEET_COLUMNS = 4
-Levels = Mapping[tuple[str, str], NDArray[np.floating]]
-"""Levels [dB] of images by (method, array)."""
 
 
 class Look:
@@ -202,7 +200,7 @@ def save_figure(figure: Figure, directory: Path, name: str) -> bytes:
 
 
 def image_panels(
-    levels: Levels,
+    levels: Mapping[tuple[str, str], NDArray[np.floating]],
     truth: NDArray[np.floating],
     radar: Radar,
     first_row: int,
@@ -213,7 +211,7 @@ def image_panels(
 ) -> Figure:
     """Images of targets on one dB scale, at the right a cut through the range bin of the first one.
 
-    :param levels: [n, U] range bins from ``first_row`` on [dB], at most 0
+    :param levels: by (method, array) [n, U] range bins from ``first_row`` on [dB], at most 0
     :param truth: the same of the virtual sensor's image
     :param marks: (range [m], u) of the targets, pointed at from above
     :param reach: u shown beyond the outermost targets

@@ -11,6 +11,7 @@ import base64
 import html
 import io
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -136,31 +137,18 @@ class ReportFrame:
     camera: bytes = b""
 
 
-@dataclass(frozen=True)
-class ReportFigure:
-    """One picture.
-
-    :param title: above it
-    :param caption: below it, plain text
-    :param png: its file
-    """
-
-    title: str
-    caption: str
-    png: bytes
-
-
 def report_page(
     title: str,
     summary: str,
     radar: Radar,
     frames: Sequence[ReportFrame],
-    figures: Sequence[ReportFigure],
+    figures: Sequence[tuple[str, str, bytes]],
     table: pa.Table,
 ) -> str:
     """The page's HTML.
 
     :param summary: what was evaluated, one plain paragraph
+    :param figures: of each the title above it, the caption below it, plain text, and its PNG
     :param table: of :func:`trainer.evaluation.report.tables.metrics_table`
     """
     waveform, grid = radar.waveform, radar.grid
@@ -178,24 +166,18 @@ def report_page(
             "rows": [list(values) for values in zip(*(column.to_pylist() for column in table.columns), strict=True)],
         },
     }  # fmt: skip
-    page = _viewer("page.html")
     parts = {
         "title": html.escape(title),
         "summary": html.escape(summary),
         "scale": html.escape(SCALE),
-        "figures": "\n".join(_figure(figure) for figure in figures),
+        "figures": "\n".join(_figure(*figure) for figure in figures),
         "data": _json(data),
         "frames": "\n".join(_pictures(place, frame) for place, frame in enumerate(frames)),
         "style": _viewer("style.css"),
         "script": "\n".join(map(_viewer, SCRIPTS)),
     }
-    # One split at the marks of the page: text inside a part that looks like a mark stays text.
-    pieces = page.split("{{")
-    filled = [pieces[0]]
-    for piece in pieces[1:]:
-        name, rest = piece.split("}}", maxsplit=1)
-        filled += [parts[name], rest]
-    return "".join(filled)
+    # All marks of the page at once: text inside a part that looks like a mark stays text.
+    return re.sub(r"{{(.*?)}}", lambda mark: parts[mark[1]], _viewer("page.html"))
 
 
 def _pictures(place: int, frame: ReportFrame) -> str:
@@ -221,12 +203,10 @@ def _viewer(name: str) -> str:
     return files("trainer.evaluation.report").joinpath("viewer", name).read_text(encoding="utf-8")
 
 
-def _figure(figure: ReportFigure) -> str:
-    picture = base64.b64encode(figure.png).decode()
-    title, caption = html.escape(figure.title), html.escape(figure.caption)
+def _figure(title: str, caption: str, png: bytes) -> str:
     return (
-        f'<figure><img alt="{title}" src="data:image/png;base64,{picture}">'
-        f'<figcaption class="note">{caption}</figcaption></figure>'
+        f'<figure><img alt="{html.escape(title)}" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
+        f'<figcaption class="note">{html.escape(caption)}</figcaption></figure>'
     )
 
 

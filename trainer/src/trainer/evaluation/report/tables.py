@@ -138,17 +138,11 @@ class SummaryColumn:
 
 
 SECONDS = "seconds_per_image"
-METRICS_FILE = "metrics.parquet"
+NAMED, NUMBERS = ("experiment", "method", "array", "metric", "condition"), ("value", "low", "high")
 SCHEMA = pa.schema(
     [
-        ("experiment", pa.string()),
-        ("method", pa.string()),
-        ("array", pa.string()),
-        ("metric", pa.string()),
-        ("condition", pa.string()),
-        ("value", pa.float64()),
-        ("low", pa.float64()),
-        ("high", pa.float64()),
+        *((name, pa.string()) for name in NAMED),
+        *((name, pa.float64()) for name in NUMBERS),
         ("samples", pa.int64()),
         (SECONDS, pa.float64()),
         ("parameters", pa.int64()),
@@ -174,13 +168,13 @@ def metrics_table(
     ]
     # Undefined values and intervals are null in the file: NaN or infinity would count in a reader's mean.
     for record in records:
-        record.update({name: None for name in ("value", "low", "high") if not math.isfinite(record[name])})
+        record.update({name: None for name in NUMBERS if not math.isfinite(record[name])})
     return pa.Table.from_pylist(records, schema=SCHEMA)
 
 
 def write_table(table: pa.Table, directory: Path) -> None:
     """``metrics.parquet`` and ``metrics.csv``, whole or not at all."""
-    with atomic(directory / METRICS_FILE) as partial:
+    with atomic(directory / "metrics.parquet") as partial:
         pq.write_table(table, partial, compression="zstd")
     with atomic(directory / "metrics.csv") as partial:
         pyarrow.csv.write_csv(table, partial)
@@ -236,6 +230,6 @@ def _value_text(rows: Sequence[Row], experiment: str, column: SummaryColumn) -> 
     row = next((row for row in rows if _belongs(row, experiment, column)), None)
     if row is None or row["value"] is None:
         return ""
-    value, low, high = (math.nan if row[name] is None else float(str(row[name])) for name in ("value", "low", "high"))
+    value, low, high = (math.nan if row[name] is None else float(str(row[name])) for name in NUMBERS)
     text = f"{value:.{column.digits}f}"
     return text if math.isnan(low + high) else f"{text} ({low:.{column.digits}f} to {high:.{column.digits}f})"
