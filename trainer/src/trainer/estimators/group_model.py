@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from trainer.estimators.group_products import ZERO, differentiate, evaluate
-from trainer.estimators.small_matrices import backward, cholesky, eigen, forward, part, scaled, solve
+from trainer.estimators.small_matrices import backward, cholesky, eigen, forward, part, part_of_one, scaled, solve
 
 SEPARABLE = 0.05
 """Least eigenvalue of the Gram matrix of normed lines whose part of the amplitudes is told, see
@@ -129,7 +129,7 @@ def energy_left(model, group, place, lines, work):
     return max(group.energy - bounded(work, ZERO, 1 + group.coordinates, lines, lines), 0.0)
 
 
-@part
+@part_of_one
 def describe(model, group, place, lines, work, amplitude, deviation):
     """Bounded amplitudes [K] and Cramer-Rao deviations [K, 2] of the lines."""
     wide = 1 + group.coordinates

@@ -10,7 +10,7 @@ import numpy as np
 from trainer.estimators.group_model import least_squares
 from trainer.estimators.group_products import ONE, ZERO, evaluate
 from trainer.estimators.group_steps import PRUNING_STEPS, copy, highest_peaks, put, refine, scan, smallest_first
-from trainer.estimators.small_matrices import part
+from trainer.estimators.small_matrices import part, part_of_one
 
 ELSEWHERE = 3
 """Angles, and pairs of angles far from a row's lines, that are refined in their place."""
@@ -29,7 +29,7 @@ OFF_GRID = 0.1
 """Share of what lines explain, that they may gain at most by being refined where they stood at grid angles."""
 
 
-@part
+@part_of_one
 def _try_lone(model, group, place, lines, left, work):
     """The angles that explain most in place of all: a peak that the fit began with may be a sidelobe's."""
     offset, fewer = place[0, 1], lines - 1
@@ -130,7 +130,7 @@ def _replace_by_pair(model, group, place, lines, left, line, work):
     return lines, left
 
 
-@part
+@part_of_one
 def _merge(model, group, place, lines, left, work):
     """The best line in the place of two, for each two of a group's, where that costs less: (lines, left)."""
     kept, best = lines - 2, lines
@@ -162,7 +162,7 @@ def _merge(model, group, place, lines, left, work):
     return lines, left
 
 
-@part
+@part_of_one
 def replaced(model, group, place, lines, left, work):
     """Others in the place of a group's lines where they cost less, step 5 of the fit: (lines, left)."""
     if 0 < lines <= 2:

@@ -57,7 +57,7 @@ from trainer.estimators.group_steps import (
     scan,
     smallest_first,
 )
-from trainer.estimators.small_matrices import part
+from trainer.estimators.small_matrices import part, part_of_one
 
 STEPS, RACE_STEPS, RACE_KEPT = np.int64(12), np.int64(4), 4
 """Gauss-Newton steps of what is kept, and of a line that is added or split; the best are refined to the end."""
@@ -136,7 +136,7 @@ def _prune(model, group, place, lines, left, work):
     return lines, left
 
 
-@part
+@part_of_one
 def _split(model, group, place, lines, trials, energies, work):
     """Fill ``trials`` with the lines of which one is split, and ``energies`` with what a few steps leave; how many."""
     count = 0
@@ -151,7 +151,7 @@ def _split(model, group, place, lines, trials, energies, work):
     return count
 
 
-@part
+@part_of_one
 def _grow(model, group, place, lines, left, work):
     """Add or split lines while the energy left fails its test and the best trial gains: (lines, left, grown)."""
     grown = False
@@ -178,7 +178,7 @@ def _grow(model, group, place, lines, left, work):
     return lines, left, grown
 
 
-@part
+@part_of_one
 def _begin(model, group, place, lines, work):
     """Of the given lines those that least squares needs, at least one, refined: (lines, left)."""
     costs, fewer = np.empty(model.most), np.empty((model.most, 2))
@@ -209,7 +209,7 @@ def _improve(model, group, place, lines, left, work):
     return lines, left
 
 
-@part
+@part_of_one
 def _begin_elsewhere(model, group, place, lines, left, work):
     """The cheapest of the fits from the highest peaks on, tried while too much is left: (lines, left).
 
@@ -237,7 +237,7 @@ def _begin_elsewhere(model, group, place, lines, left, work):
     return lines, left
 
 
-@part
+@part_of_one
 def _fit(model, group, given, place, work):
     """Fit one group from the angles ``given`` on; the number of lines, at ``place`` [most, 2]."""
     angle, offset, most = best_start(model, group, place, ZERO, work)

@@ -8,9 +8,9 @@ logit of what that says at the line:
     P = 1 / (1 + exp(-(a + b L + c logit h)))
 
 (Platt, "Probabilistic outputs for support vector machines", 1999: the head's own h is the share of pixels that hold a
-peak of the truth, which few do). a, b and c are rounded means of what fits the lines of simulated drives best, of which
-the paths are known; ``python tests/benchmarks/driven_points.py`` prints them: docs/notes/points.md. Limit: lines of a
-board's phase noise are told from echoes by neither level nor head.
+peak of the truth, which few do). a, b and c are rounded from what fits the lines of simulated drives through two cities
+best, of which the paths are known; ``python tests/benchmarks/driven_points.py`` prints those of one drive:
+docs/notes/points.md. Limit: lines of a board's phase noise are told from echoes by neither level nor head.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
-BY_LEVEL = (-1.2, 0.137, 0.0)
+BY_LEVEL = (-1.15, 0.116, 0.0)
 """(a, b, c) of a method without a detection head."""
 BY_HEAD = (1.7, 0.062, 0.49)
 """(a, b, c) with one."""
