@@ -135,7 +135,8 @@ def kernels() -> list[Dispatcher]:
     found = {}
     for package in PACKAGES:
         for path in sorted(package.rglob("*.py")):
-            if "physics.compiled import" in path.read_text(encoding="utf-8"):
+            text = path.read_text(encoding="utf-8")
+            if "physics.compiled import" in text or "small_matrices import" in text:
                 place = path.relative_to(package.parent).with_suffix("")
                 for value in vars(importlib.import_module(".".join(place.parts))).values():
                     if isinstance(value, Dispatcher):
@@ -181,4 +182,14 @@ def test_no_kernel_takes_over_flags_of_its_caller_and_what_is_inlined_is_not_kep
     for kernel in kernels():
         assert (kernel.stats.cache_path is None) or not kernel.targetoptions["forceinline"], name(kernel)
         assert {"fastmath", "error_model", "forceinline"} <= set(kernel.targetoptions), name(kernel)
-        assert "inline" not in kernel.targetoptions, name(kernel)
+
+
+def test_what_numba_inlines_is_called_once_and_neither_it_nor_its_caller_has_flags():
+    """It takes on the flags of its caller, and is optimised in its stead."""
+    every = kernels()
+    lines = [kernel for kernel in every if kernel.targetoptions.get("inline", "never") != "never"]
+    assert {"_fit", "_merge", "describe"} <= {name(kernel).split(".")[-1] for kernel in lines}
+    for kernel in lines:
+        callers = [outer for outer, inner in calls(every) if inner is kernel]
+        assert len(callers) == 1, name(kernel)
+        assert [one.targetoptions["fastmath"] for one in (kernel, *callers)] == [False, False], name(kernel)

@@ -63,7 +63,8 @@ def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Decorate a function to become a part of every kernel that calls it, optimised by itself beforehand.
 
     LLVM inlines it, not numba: numba would do so before the optimisation, with the caller's flags; loops that
-    vectorise by themselves then often do not.
+    vectorise by themselves then often do not. Where neither has flags, and there is one caller, numba may
+    (:data:`trainer.estimators.small_matrices.part_of_one`).
     """
     return compiled(cache=False, **{**options, "forceinline": True})
 
