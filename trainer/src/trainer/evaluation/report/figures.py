@@ -190,6 +190,8 @@ def save_figure(figure: Figure, directory: Path, name: str) -> bytes:
         # One layout serves both files: it takes longer than the drawing.
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
+        for axes in figure.axes:  # the layout's last digits differ from run to run, and name the SVG's clips
+            axes.set_position(np.round(axes.get_position(original=True).bounds, 9))
         for kind, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
             buffer = io.BytesIO()
             figure.savefig(buffer, format=kind, metadata=metadata)
