@@ -19,7 +19,7 @@ from tiny_radar import RADAR
 from trainer.data.simulation import Condition
 from trainer.evaluation.evaluate import SUMMARY_COLUMNS
 from trainer.evaluation.report.figures import Look, image_panels, image_sheet, legend_below, panels, save_figure
-from trainer.evaluation.report.page import ReportFrame, report_page
+from trainer.evaluation.report.page import ReportFigure, ReportFrame, report_page
 from trainer.evaluation.report.tables import MetricRow, metrics_table, summary, write_table
 
 SHAPE = (RADAR.waveform.range_bins, RADAR.grid.bins)
@@ -49,7 +49,7 @@ def table():
 
 @pytest.fixture(scope="module")
 def page():
-    figure = ("A <title> & {{data}}", "caption </script>", b"\x89PNG not really")
+    figure = ReportFigure("A <title> & {{data}}", "caption </script>", b"\x89PNG not really")
     frames = [ReportFrame(HOSTILE, 7, images()), ReportFrame("hall, frame 2", 3, images())]
     return report_page("Evaluation <of> {{data}}", "all & everything", RADAR, frames, [figure], table())
 

@@ -144,7 +144,7 @@ def _quarters(triangles, order, starts, triples, apex, edges, normals):
             flat = flattened(triangles, members, apex[m], one, across)
             turned = np.empty_like(flat)
             for quarter in range(4):
-                for t in range(len(flat)):
+                for t in range(len(flat)):  # by elements: slices and rows take seconds to compile
                     for c in range(3):
                         turned[t, c, 0] = flat[t, c, 0] * (1.0 - 2.0 * (quarter // 2))
                         turned[t, c, 1] = flat[t, c, 1] * (1.0 - 2.0 * (quarter % 2)) * np.sign(sense)

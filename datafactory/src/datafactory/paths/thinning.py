@@ -119,7 +119,7 @@ def _factors(order, starts, power, most, shift):
     :param shift: of each cell's systematic sampling, 0 to 1
     """
     factor, widest = np.zeros(len(power)), 0
-    for number in range(len(starts) - 1):
+    for number in range(len(starts) - 1):  # np.diff takes half a second to compile
         widest = max(widest, starts[number + 1] - starts[number])
     large = np.zeros(widest, dtype=np.bool_)
     for number in range(len(starts) - 1):

@@ -37,7 +37,7 @@ from shared.physics.units import SPEED_OF_LIGHT
 _FAST = {"contract", "nsz", "arcp"}
 AT_ONCE = 16
 """Chunks of paths whose centres are seen, then their elements: enough not to notice two calls, few enough to stay in
-the cache."""
+the cache. A path takes 0.73 microseconds with 1, 0.59 with 4, 0.56 with 16: docs/notes/synthesis.md."""
 _RE, _IM, _BINS, _D, _Q, _C = (LANES * n for n in range(6))
 """Where the parts of what elements see of a path stand in one array, so that the compiler sees that they do not
 overlap: the phasor at mid-frame; range [bins], d, q and c [cycles] beyond the centre's."""

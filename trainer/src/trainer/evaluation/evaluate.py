@@ -38,7 +38,7 @@ from trainer.evaluation.experiments.resolution import Resolution
 from trainer.evaluation.experiments.robustness import Robustness
 from trainer.evaluation.experiments.street import Street
 from trainer.evaluation.report.figures import save_figure
-from trainer.evaluation.report.page import report_page
+from trainer.evaluation.report.page import ReportFigure, report_page
 from trainer.evaluation.report.tables import MetricRow, Numbers, metrics_table, summary, write_table
 from trainer.evaluation.store import CellStore, Values, cell_name
 from trainer.evaluation.workers import Workers
@@ -101,7 +101,7 @@ def evaluate(
             timed = _compute(RUNTIME, bench, store, Workers(bench, 1, folder), partial(advance, RUNTIME.name))
             bench = replace(bench, seconds={key[:2]: float(values["seconds"]) for key, values in timed.items()})
         rows: list[MetricRow] = []
-        figures: list[tuple[str, str, bytes]] = []
+        figures: list[ReportFigure] = []
         texts: dict[str, str] = {}
         written = set[str]()
         (out / FIGURES).mkdir(exist_ok=True)
@@ -113,7 +113,7 @@ def evaluate(
                 experiment.count(bench, results, found)
                 for name, figure in experiment.figures(bench, results, found).items():
                     png = save_figure(figure, out / FIGURES, name)
-                    figures.append((experiment.title, experiment.caption, png))
+                    figures.append(ReportFigure(experiment.title, experiment.caption, png))
                     written |= {f"{name}.png", f"{name}.svg"}
                 rows += found.rows
                 texts |= experiment.texts()

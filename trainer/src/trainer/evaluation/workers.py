@@ -14,6 +14,7 @@ from contextlib import ExitStack
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
+from types import TracebackType
 
 import torch
 from threadpoolctl import threadpool_limits
@@ -57,7 +58,7 @@ class CellWork:
         return dict(self._listed[1][place].compute())
 
 
-class Workers(ExitStack):
+class Workers:
     """Computes cells; a context, which ends its processes when it is left, whatever for.
 
     :param bench: what the cells are of; handed over as the first cell is asked for
@@ -69,11 +70,19 @@ class Workers(ExitStack):
     def __init__(self, bench: Bench, count: int, folder: Path) -> None:
         if count < 0:
             raise InputError("--workers", repr(count), "0 (one a core) or more")
-        super().__init__()
         self.count = count or usable_cores()
         self.bench = bench
         self._folder = folder
         self._pool: WorkerPool[Item, Values] | None = None
+        self._context = ExitStack()
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._context.close()
 
     def results(
         self, experiment: Experiment, tasks: Sequence[Task], places: Sequence[int]
@@ -111,7 +120,7 @@ class Workers(ExitStack):
     def _started(self) -> WorkerPool[Item, Values]:
         if self._pool is None:
             work = CellWork(_without_gpu(self.bench))
-            self._pool = self.enter_context(WorkerPool[Item, Values](work, self.count, self._folder))
+            self._pool = self._context.enter_context(WorkerPool[Item, Values](work, self.count, self._folder))
         return self._pool
 
 

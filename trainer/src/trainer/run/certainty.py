@@ -8,8 +8,8 @@ logit of what that says at the line:
     P = 1 / (1 + exp(-(a + b L + c logit h)))
 
 (Platt, "Probabilistic outputs for support vector machines", 1999: the head's own h is the share of pixels that hold a
-peak of the truth, which few do). a, b and c are rounded from what fits the lines of simulated drives through two cities
-best, of which the paths are known; ``python tests/benchmarks/driven_points.py`` prints those of one drive:
+peak of the truth, which few do). a, b and c are near what fits the lines of simulated drives through two cities best,
+of which the paths are known; ``python tests/benchmarks/driven_points.py`` prints those of one drive:
 docs/notes/points.md. Limit: lines of a board's phase noise are told from echoes by neither level nor head.
 """
 

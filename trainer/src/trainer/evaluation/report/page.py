@@ -137,18 +137,31 @@ class ReportFrame:
     camera: bytes = b""
 
 
+@dataclass(frozen=True)
+class ReportFigure:
+    """One picture.
+
+    :param title: above it
+    :param caption: below it, plain text
+    :param png: its file
+    """
+
+    title: str
+    caption: str
+    png: bytes
+
+
 def report_page(
     title: str,
     summary: str,
     radar: Radar,
     frames: Sequence[ReportFrame],
-    figures: Sequence[tuple[str, str, bytes]],
+    figures: Sequence[ReportFigure],
     table: pa.Table,
 ) -> str:
     """The page's HTML.
 
     :param summary: what was evaluated, one plain paragraph
-    :param figures: of each the title above it, the caption below it, plain text, and its PNG
     :param table: of :func:`trainer.evaluation.report.tables.metrics_table`
     """
     waveform, grid = radar.waveform, radar.grid
@@ -170,7 +183,7 @@ def report_page(
         "title": html.escape(title),
         "summary": html.escape(summary),
         "scale": html.escape(SCALE),
-        "figures": "\n".join(_figure(*figure) for figure in figures),
+        "figures": "\n".join(_figure(figure) for figure in figures),
         "data": _json(data),
         "frames": "\n".join(_pictures(place, frame) for place, frame in enumerate(frames)),
         "style": _viewer("style.css"),
@@ -203,10 +216,11 @@ def _viewer(name: str) -> str:
     return files("trainer.evaluation.report").joinpath("viewer", name).read_text(encoding="utf-8")
 
 
-def _figure(title: str, caption: str, png: bytes) -> str:
+def _figure(figure: ReportFigure) -> str:
+    title, picture = html.escape(figure.title), base64.b64encode(figure.png).decode()
     return (
-        f'<figure><img alt="{html.escape(title)}" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
-        f'<figcaption class="note">{html.escape(caption)}</figcaption></figure>'
+        f'<figure><img alt="{title}" src="data:image/png;base64,{picture}">'
+        f'<figcaption class="note">{html.escape(figure.caption)}</figcaption></figure>'
     )
 
 

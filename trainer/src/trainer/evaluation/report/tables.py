@@ -139,6 +139,7 @@ class SummaryColumn:
 
 SECONDS = "seconds_per_image"
 NAMED, NUMBERS = ("experiment", "method", "array", "metric", "condition"), ("value", "low", "high")
+"""Columns of text, which say what a row is of, and those that are null where they are not finite."""
 SCHEMA = pa.schema(
     [
         *((name, pa.string()) for name in NAMED),
