@@ -68,7 +68,7 @@ def run(size: Size, names: Sequence[str], out: Path, console: Console) -> list[R
     records: list[Record] = []
     skipped: dict[str, str] = {}
     before = machine()
-    numba.set_num_threads(1)
+    numba.config.NUMBA_NUM_THREADS = 1
     with threadpool_limits(limits=1), scipy.fft.set_workers(1):
         for name in names:
             console.print(f"{name} ...", style="dim")

@@ -6,8 +6,10 @@ fronts, calibration. How a row is fitted stands in :mod:`trainer.estimators.grou
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
@@ -17,7 +19,7 @@ from shared.physics.errors import InputError
 from shared.signal.model_error import model_error_ratio, with_model_error
 from trainer.estimators.array import LARGEST_RELATIVE_NOISE, LineArray, check_snapshots, row_powers, uniform_axis
 from trainer.estimators.group_products import MOST_CELLS, POINTS_A_BIN, TABLE_BINS, Model
-from trainer.estimators.groups import fit_all
+from trainer.estimators.groups import fit_in_turn
 
 MODEL_ERROR_DB = -30.0
 """Of a row's power, of simulated data: the curvature of a wave front from 12 m over 94 mm leaves that much of one plane
@@ -32,6 +34,8 @@ MOST_LINES = 12
 """In a range bin, and at most half the channels."""
 SEARCH_POINTS = 4
 """Angles in a resolution cell where lines are added."""
+SHARE = 16
+"""Groups that a thread fits at a time: some milliseconds."""
 ROUNDING = 1e-14
 """Least noise of a fit, of the row's power: less is rounding."""
 
@@ -141,7 +145,13 @@ def fit_groups(
     given = np.ascontiguousarray(candidates, dtype=np.float64)[present]
     parts = np.ascontiguousarray(np.stack([x.real, x.imag], axis=1))
     scales = np.stack([noise, 1.0 / place.centre_m[present]], axis=1)
-    fit_all(model, parts, scales, given, found, amplitude, deviation)
+
+    def fit_share(first: int) -> None:
+        some = slice(first, first + SHARE)
+        fit_in_turn(model, parts[some], scales[some], given[some], found[some], amplitude[some], deviation[some])
+
+    with ThreadPoolExecutor(numba.config.NUMBA_NUM_THREADS) as pool:
+        list(pool.map(fit_share, range(0, len(x), SHARE)))
     order = np.argsort(-np.abs(amplitude), axis=1, kind="stable")
     u, half = found[..., 0], array.half_period
     found[..., 0] = (u + half) % (2.0 * half) - half if half < 1.0 else np.clip(u, -1.0, 1.0)

@@ -10,7 +10,7 @@ import numpy as np
 from trainer.estimators.group_model import least_squares
 from trainer.estimators.group_products import ONE, ZERO, evaluate
 from trainer.estimators.group_steps import PRUNING_STEPS, copy, highest_peaks, put, refine, scan, smallest_first
-from trainer.estimators.small_matrices import part, part_of_one
+from trainer.estimators.small_matrices import part_of_one
 
 ELSEWHERE = 3
 """Angles, and pairs of angles far from a row's lines, that are refined in their place."""
@@ -48,7 +48,7 @@ def _try_lone(model, group, place, lines, left, work):
     return lines, left
 
 
-@part
+@part_of_one
 def _replace_by_pair(model, group, place, lines, left, line, work):
     """The best pairs beside line ``line``, -1 for none, in the place of a group's others where that costs less."""
     kept = 0 if line < 0 else 1
@@ -169,8 +169,7 @@ def replaced(model, group, place, lines, left, work):
         lines, left = _try_lone(model, group, place, lines, left, work)
     if lines >= 2:
         count = lines
-        lines, left = _replace_by_pair(model, group, place, lines, left, -ONE, work)
-        for line in range(count if 2 < count <= MOST_SEARCHED else 0):
+        for line in range(-1, count if 2 < count <= MOST_SEARCHED else 0):
             if lines == count:
                 lines, left = _replace_by_pair(model, group, place, lines, left, line, work)
     if lines > 2 and CROWDED * lines >= len(model.phase):

@@ -1,4 +1,4 @@
-"""The line fit of one group of range bins, compiled; groups are shared out to threads.
+"""The line fit of one group of range bins, compiled.
 
 A group is M range bins (one, or a bin and its neighbours) of one Doppler cell and C channels. A line is an angle u, an
 offset r in range from the group's centre [bins] and a complex amplitude s. In bin i of channel c it shows as
@@ -41,7 +41,6 @@ Steps 6 and 7 find nothing more in a group of bins that is an echo: what its lin
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
 from shared.physics.compiled import compiled
 from trainer.estimators.group_model import bounded, describe, energy_left
@@ -271,8 +270,8 @@ def _fit(model, group, given, place, work):
     return lines
 
 
-@compiled(parallel=True, error_model="numpy")
-def fit_all(model, x, scale, given, place, amplitude, deviation):
+@compiled(nogil=True, error_model="numpy")
+def fit_in_turn(model, x, scale, given, place, amplitude, deviation):
     """Fit G groups of equal cells.
 
     :param x: [G, 2, MOST_CELLS, C] see :class:`.group_products.Group`
@@ -283,7 +282,7 @@ def fit_all(model, x, scale, given, place, amplitude, deviation):
     """
     coordinates = ONE if model.cells == 1 else ONE + ONE
     most = model.most
-    for index in prange(len(x)):
+    for index in range(len(x)):
         energy = 0.0
         for m in range(x.shape[2]):
             for c in range(x.shape[3]):

@@ -9,13 +9,13 @@ from shared.physics.compiled import compiled, inlined
 JACOBI_SWEEPS, JACOBI_ZERO = 12, 1e-12
 """Until no element beside the diagonal of a normed Gram matrix is larger."""
 part = compiled(cache=False, error_model="numpy")
-"""Of :func:`trainer.estimators.groups.fit_all`. Slices are copied by loops and sorted by hand, and constants are typed:
-numba's own slices and sorts, and the copies of a function that it makes for each constant it is called with, take
-minutes to compile."""
+"""Of :func:`trainer.estimators.groups.fit_in_turn`. Slices are copied by loops and sorted by hand, and constants are
+typed: numba's own slices and sorts, and the copies of a function that it makes for each constant it is called with,
+take minutes to compile."""
 part_of_one = compiled(cache=False, error_model="numpy", inline="always")
 """A part that is called at one place, as lines of its caller: each part's machine code is made with that of all that it
-calls, level by level. With nine such parts the fit compiles in 49 s instead of 66: what the benchmark says a frame
-takes (``NUMBA_CACHE_DIR=build/kernels python tests/benchmarks/points.py --frames 1``), with and without ``inline``."""
+calls, level by level. With ten such parts the fit compiles in 33 s instead of 50: what the benchmark says a frame takes
+(``NUMBA_CACHE_DIR=build/kernels python tests/benchmarks/points.py --frames 1``), with and without ``inline``."""
 
 
 @inlined(error_model="numpy")

@@ -21,7 +21,7 @@ from shared.physics.compiled import is_kept
 from shared.physics.errors import InputError
 from shared.signal.tdm import statement
 from trainer.data.measurements import Measurements, open_measurements
-from trainer.estimators.groups import fit_all
+from trainer.estimators.groups import fit_in_turn
 from trainer.run.answers import Answer, NetworkAnswer, check_method, estimator_answer, network_answer
 from trainer.run.detection_files import (
     COLUMN,
@@ -110,8 +110,8 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
         motions = Motions(request.velocity, request.mounting_yaw_deg, request.points or answer.uses_motion)
         predictor = Predictor(answer, motions, listed)
         schema, count = _schema(answer, listed), 0
-        if request.points and not is_kept(fit_all):
-            announce("the line fit is compiled for this machine, once; that takes about a minute")
+        if request.points and not is_kept(fit_in_turn):
+            announce("the line fit is compiled for this machine, once; that takes about half a minute")
         if said := statement(answer.radar):
             announce(said)
         lists: list[tuple[int, Detections]] = []
