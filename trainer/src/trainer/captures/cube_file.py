@@ -33,6 +33,7 @@ LARGEST_SAMPLE = 1e12
 SHA256 = r"^[0-9a-f]{64}$"
 
 Sha256 = Annotated[str, Field(pattern=SHA256)]
+Scale = Literal["sqrt(W)", "relative"]
 Channel = Annotated[int, Field(ge=0)]
 
 
@@ -57,7 +58,7 @@ class Capture(BaseModel):
     source_sha256: Sha256
     board: str
     frames: Annotated[int, Field(ge=1)]
-    scale: Literal["sqrt(W)", "relative"]
+    scale: Scale
     noise_power: Annotated[FiniteFloat, Field(ge=0)]
     calibration: Sha256 | None = None
     model_error_db: FiniteFloat | None = None
