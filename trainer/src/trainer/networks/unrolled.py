@@ -220,7 +220,7 @@ class UnrolledNetwork(nn.Module):
         inside = ratio[:, : self.bins].clamp_min(LEAST_RATIO)
         beta, delta = (correction[:, part].float().reshape(-1, self.bins) for part in (0, 1))
         change = (beta * inside.log10() + delta).clamp(-LARGEST_CORRECTION, LARGEST_CORRECTION)
-        change = functional.pad(change, (0, ratio.shape[1] - self.bins))
+        change = functional.pad(change, (0, found.power.shape[1] - self.bins))
         return bounded_power(found.power * ratio * torch.pow(10.0, change))
 
     def _state(self, found: Iterate) -> tuple[torch.Tensor, torch.Tensor]:
