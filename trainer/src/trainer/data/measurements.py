@@ -71,11 +71,6 @@ class Measurement:
     centre: NDArray[np.bool_] | None = None
     beside: NDArray[np.complex64] | None = None
 
-    @property
-    def measured(self) -> bool:
-        """Whether its noise is that of hardware, see :func:`shared.signal.model_error.row_noise`."""
-        return self.model_error_db > NO_MODEL_ERROR_DB
-
     def seen_by(self, channels: NDArray[np.intp]) -> Cells:
         """Its cells in these channels."""
         beside = None if self.beside is None else self.beside[..., channels]
@@ -83,7 +78,7 @@ class Measurement:
 
 
 @dataclass(frozen=True, eq=False)
-class Measurements(Iterator[Measurement]):
+class Measurements:
     """The frames of one source, to be gone through once.
 
     :param dataset: of a dataset, whose truth is on its grid; of a cube otherwise
@@ -94,11 +89,8 @@ class Measurements(Iterator[Measurement]):
     dataset: bool
     dead_channels: tuple[int, ...] = ()
 
-    def __iter__(self) -> Measurements:
-        return self
-
-    def __next__(self) -> Measurement:
-        return next(self.frames)
+    def __iter__(self) -> Iterator[Measurement]:
+        return self.frames
 
 
 def open_measurements(

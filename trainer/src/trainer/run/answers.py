@@ -25,8 +25,7 @@ from trainer.estimators.das import DelayAndSum
 from trainer.metrics.cells import CellScores, score_cells
 from trainer.run.detections import new_peaks
 from trainer.run.folder import Run
-from trainer.run.imager import Imager
-from trainer.run.targets import AMPLITUDE, UNITS, level_image
+from trainer.run.imager import AMPLITUDE, UNITS, Imager
 
 Images = tuple[NDArray[np.floating], NDArray[np.float32] | None]
 """([B, R, U] images, [B, R, U] probability of a target or None)."""
@@ -78,21 +77,21 @@ class Answer(ABC):
         """Of matrices [B, R, C] of all the radar's channels [sqrt(W)]."""
 
     @abstractmethod
-    def das(self, range_channel: NDArray[np.complexfloating]) -> NDArray[np.floating]:
-        """[B, R, U] delay-and-sum images of the same channels [sqrt(W)]."""
+    def peaks(self, measurement: Measurement) -> Images:
+        """:meth:`images` of each Doppler peak of a frame (paper, section II-E).
+
+        The strongest peaks of all range bins first, then the second strongest and so on. A peak that repeats an earlier
+        one of its range bin is computed once.
+        """
+
+    @abstractmethod
+    def baseline(self, measurement: Measurement) -> NDArray[np.floating]:
+        """[R, U] delay-and-sum image of the same channels, the maximum over the peaks [sqrt(W)]."""
 
     @property
     def uses_motion(self) -> bool:
         """Whether its images depend on the sensor's motion."""
         return False
-
-    def peaks(self, measurement: Measurement) -> Images:
-        """:meth:`images` of each Doppler peak of a frame (paper, section II-E).
-
-        The strongest peaks of all range bins first, then the second strongest and so on, the strongest again where
-        there is none.
-        """
-        return self.images(measurement.range_channel, self._told(measurement))
 
     def _told(self, measurement: Measurement) -> Told:
         """What is known of the frame's rows [D, R]."""
@@ -107,10 +106,6 @@ class Answer(ABC):
         return seen_motion(
             cells, measurement.velocity[new], self.line, self.radar, measurement.noise_power, measurement.frame_id
         )
-
-    def baseline(self, measurement: Measurement) -> NDArray[np.floating]:
-        """[R, U] delay-and-sum image of the same channels, the maximum over the peaks [sqrt(W)]."""
-        return np.asarray(self.das(measurement.range_channel).max(axis=0))
 
     def image(self, range_channel: NDArray[np.complexfloating], noise_power: float) -> NDArray[np.float64]:
         """[R, U] of one matrix [R, C]."""
@@ -159,8 +154,11 @@ class Answer(ABC):
         :param channels: how many should find the truth's cells; its own by default
         """
         image, score = self.image_and_score(range_channel, noise_power, world)
-        chosen = range_channel[:, self.channels]
-        level = level_image(image, self.unit, chosen, self.line, self.radar.grid.u, noise_power)
+        level: NDArray[np.floating] = image
+        if self.unit != AMPLITUDE:
+            # It says where something is. The data say how strong it is, by delay and sum there.
+            u = self.radar.grid.u
+            level = DelayAndSum().image(range_channel[:, self.channels], self.line, u, noise_power)
         step = self.radar.waveform.range_step_m
         return image, score_cells(truth, level, noise_power, channels or len(self.channels), step, score)
 
@@ -195,14 +193,14 @@ class NetworkAnswer(Answer):
             return images.cpu().numpy(), None if probability is None else probability.float().cpu().numpy()
 
     def peaks(self, measurement: Measurement) -> Images:
-        """A peak that repeats an earlier one of its range bin has the strongest's row, which is computed once."""
+        """A repeated peak has the strongest's row."""
         new = new_peaks(measurement.velocity)
         place = np.where(new, np.cumsum(new).reshape(new.shape) - 1, np.arange(new.shape[1]))
         return self.images(measurement.range_channel[new][None], self._told(measurement)[new][None], place)
 
-    def das(self, range_channel: NDArray[np.complexfloating]) -> NDArray[np.floating]:
+    def baseline(self, measurement: Measurement) -> NDArray[np.floating]:
         with torch.inference_mode():
-            return np.asarray(self.imager.das(self._tensor(range_channel)).cpu().numpy())
+            return np.asarray(self.imager.das(self._tensor(measurement.range_channel)).cpu().numpy().max(axis=0))
 
     def _tensor(self, range_channel: NDArray[np.complexfloating]) -> torch.Tensor:
         return torch.from_numpy(np.array(range_channel)).to(self.imager.weights.device)
@@ -230,19 +228,12 @@ class EstimatorAnswer(Answer):
             return estimator.image(rows, line, u, noise, told.world.prior)
         return estimator.image(rows, line, u, noise)
 
-    @property
-    def _by_das(self) -> EstimatorAnswer:
-        return replace(self, estimator=DelayAndSum())
-
-    def das(self, range_channel: NDArray[np.complexfloating]) -> NDArray[np.floating]:
-        return self._by_das.images(range_channel, Told(0.0))[0]
-
     def peaks(self, measurement: Measurement) -> Images:
-        """A peak that repeats an earlier one of its range bin is zero; the maximum over the peaks is the same."""
+        """A repeated peak is zero; the maximum over the peaks is the same."""
         return self._images(measurement).astype(np.float32), None
 
     def baseline(self, measurement: Measurement) -> NDArray[np.floating]:
-        return np.asarray(self._by_das._images(measurement).max(axis=0))
+        return np.asarray(replace(self, estimator=DelayAndSum())._images(measurement).max(axis=0))
 
     def _images(self, measurement: Measurement) -> NDArray[np.float64]:
         new = new_peaks(measurement.velocity)

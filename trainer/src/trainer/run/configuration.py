@@ -114,7 +114,7 @@ class FitConfig(BaseModel):
     :param learned: iterations of the "unrolled" network with weights
     :param truth_window: over the virtual sensor's elements in the truth; that of the datasets
     :param detection: weight of the loss of the "unrolled" network's detection head; 0 for a network without one
-    :param target: what the network is asked for, see :mod:`trainer.run.targets`
+    :param target: what the network is asked for, see :func:`trainer.run.imager.encode`
     :param exponent: compression of the "row" target's magnitudes
     :param beta: scale of the "paper" target (paper, section III-A)
     :param threshold_db: a pixel of the "class" target is a target down to this level below the image's peak [dB]

@@ -39,9 +39,8 @@ from trainer.metrics.image import nmse, nmse_best_scaled
 from trainer.metrics.ranking import average_precision, pooled
 from trainer.run.answers import Answer, array_answer, network_answer
 from trainer.run.folder import Run, load_imager, read_run, same_radar
-from trainer.run.imager import Imager
+from trainer.run.imager import AMPLITUDE, PROBABILITY, Imager
 from trainer.run.pictures import save_comparison
-from trainer.run.targets import AMPLITUDE, PROBABILITY
 from trainer.training.start import begin_with
 
 Image = NDArray[np.float32]
