@@ -30,7 +30,7 @@ class BatchOrder(Sampler[list[int]]):
     :param sizes: frames of each dataset
     :param weights: share of each dataset, any positive numbers; by default in proportion to the sizes
     :param batch: frames of a batch on all processes together
-    :param seed: of the order
+    :param seed: of the order; None for that in which the frames lie
     :param batches: batches of the whole run
     :param first: batches to leave out, those that an earlier run has seen
     :param rank, world: the process and how many there are: each gets its part of every batch
@@ -41,7 +41,7 @@ class BatchOrder(Sampler[list[int]]):
         sizes: Sequence[int],
         weights: Sequence[float] | None,
         batch: int,
-        seed: int,
+        seed: int | None,
         batches: int,
         first: int = 0,
         rank: int = 0,
@@ -70,8 +70,10 @@ class BatchOrder(Sampler[list[int]]):
 
     def _epoch(self, epoch: int) -> NDArray[np.int64]:
         """[frames] order of one epoch."""
-        generator = np.random.default_rng([self.seed, epoch])
         frames = sum(self.sizes)
+        if self.seed is None:
+            return np.arange(frames)
+        generator = np.random.default_rng([self.seed, epoch])
         edges = np.round(np.cumsum(self.shares) / self.shares.sum() * frames).astype(int)
         counts = np.diff(edges, prepend=0)
         starts = np.cumsum((0, *self.sizes[:-1]))

@@ -197,6 +197,9 @@ def _trainer(config: FitConfig, curves: Logger | bool, callbacks: list[Callback]
     :param launch: (processes of this machine, machines)
     """
     stops = [EarlyStopping(LOSS, patience=config.patience)] if config.patience else []
+    # At most validate_every, in equal parts that end with the run: what is learned after the last one is lost. Of
+    # a number of steps that does not divide, fewer are than there are validations.
+    between = config.steps // math.ceil(config.steps / config.validate_every)
     return Trainer(
         accelerator="auto",
         devices=launch[0],
@@ -205,7 +208,7 @@ def _trainer(config: FitConfig, curves: Logger | bool, callbacks: list[Callback]
         max_steps=config.steps,
         accumulate_grad_batches=config.accumulate,
         gradient_clip_val=config.clip,
-        val_check_interval=_validation_interval(config) * config.accumulate,
+        val_check_interval=between * config.accumulate,
         check_val_every_n_epoch=None,
         num_sanity_val_steps=-1,  # all frames before the first step; not of a run that is resumed
         log_every_n_steps=10,
@@ -220,31 +223,19 @@ def _trainer(config: FitConfig, curves: Logger | bool, callbacks: list[Callback]
     )
 
 
-def _validation_interval(config: FitConfig) -> int:
-    """Steps from one validation to the next: at most ``validate_every``, in equal parts that end with the run.
-
-    What is learned after the last validation is lost. Of a number of steps that does not divide, fewer are than there
-    are validations.
-    """
-    return config.steps // math.ceil(config.steps / config.validate_every)
-
-
 def _prepare(out: Path, run: Run, resume: bool) -> None:
     """Note the run, or check that the one in the folder is this one."""
-    if not resume or _killed_at_its_note(out):
+    noted = (out / RUN_FILE).is_file()
+    # A run that was killed while it wrote the first of its files has nothing yet to go on with.
+    if not resume or (not noted and (out / (RUN_FILE + PARTIAL)).exists()):
         write_run(out, run)
         return
-    if not (out / RUN_FILE).is_file():
+    if not noted:
         raise InputError("--resume", f"{out} holds no run", "the folder of an earlier trainer fit")
     before = read_run(out)
     for part in ("config", "radar", "array", "weights", "datasets", "start"):
         _same(out, part, getattr(before, part), getattr(run, part))
     remove_partial(out)
-
-
-def _killed_at_its_note(out: Path) -> bool:
-    """Whether a run ended while it wrote the first of its files: there is nothing yet to go on with."""
-    return not (out / RUN_FILE).exists() and (out / (RUN_FILE + PARTIAL)).exists()
 
 
 def _same(out: Path, part: str, before: object, now: object) -> None:
