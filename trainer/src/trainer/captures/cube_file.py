@@ -20,7 +20,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import BaseModel, Field, FiniteFloat
 
 from shared.dataset.documents import sealed, unsealed
 from shared.dataset.writing import atomic
@@ -37,7 +37,7 @@ Scale = Literal["sqrt(W)", "relative"]
 Channel = Annotated[int, Field(ge=0)]
 
 
-class Capture(BaseModel):
+class Capture(BaseModel, frozen=True, extra="forbid"):
     """Where an imported cube comes from, and what its numbers mean.
 
     :param source: name of the file that was imported
@@ -51,8 +51,6 @@ class Capture(BaseModel):
     :param model_error_db: what calibration left of a reflector, power relative to the reflector's [dB]; None if unknown
     :param dead_channels: channels without an echo, which nothing should be concluded from
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     source: str
     source_sha256: Sha256

@@ -18,7 +18,7 @@ from typing import Annotated, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
 from shared.physics.errors import InputError
 from shared.radar import Radar, first_validation_error
@@ -35,10 +35,8 @@ MOST_DETECTIONS = 400
 Velocity = tuple[FiniteFloat, FiniteFloat]
 
 
-class MotionFile(BaseModel):
+class MotionFile(BaseModel, frozen=True, extra="forbid"):
     """See the module."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     velocity: Velocity | Annotated[tuple[Velocity, ...], Field(min_length=1)]
     mounting_yaw_deg: Annotated[FiniteFloat, Field(ge=-360, le=360)] = 0.0

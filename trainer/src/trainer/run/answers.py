@@ -25,7 +25,7 @@ from trainer.estimators.das import DelayAndSum
 from trainer.metrics.cells import CellScores, score_cells
 from trainer.run.detections import new_peaks
 from trainer.run.folder import Run
-from trainer.run.imager import AMPLITUDE, UNITS, Imager
+from trainer.run.imager import AMPLITUDE, UNITS, Imager, best_device
 
 Images = tuple[NDArray[np.floating], NDArray[np.float32] | None]
 """([B, R, U] images, [B, R, U] probability of a target or None)."""
@@ -260,13 +260,17 @@ class EstimatorAnswer(Answer):
 def network_answer(
     run: Run, imager: Imager, channels: NDArray[np.intp] | None = None, radar: Radar | None = None
 ) -> NetworkAnswer:
-    """The imager of a run, for measurements of ``radar``, of which it looks at ``channels``; by default its own."""
+    """The imager of a run, moved to the best device.
+
+    :param radar: of the measurements, by default the run's
+    :param channels: of them that it looks at, by default its own
+    """
     radar = radar or run.radar
     channels = run.array.channels(run.radar) if channels is None else channels
     shown, config = radar.model_copy(update={"grid": run.radar.grid}), run.config
     return NetworkAnswer(
         config.model, run.array, channels, line_array(radar, channels), shown, UNITS[config.target],
-        config.model == "doa-cnn", imager.detects, imager,
+        config.model == "doa-cnn", imager.detects, imager.to(best_device()),
     )  # fmt: skip
 
 

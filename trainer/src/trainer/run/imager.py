@@ -103,10 +103,14 @@ def in_bfloat16(config: FitConfig, device: str) -> bool:
     return config.precision == "bf16" and (device != "cpu" or has_bfloat16())
 
 
+def best_device() -> str:
+    """A GPU where there is one."""
+    return "cuda" if torch.cuda.is_available() else "cpu"
+
+
 def precision_remark(configs: Iterable[FitConfig]) -> str | None:
     """What a user should know if one of these networks is computed otherwise than its configuration says."""
-    device = "cuda" if torch.cuda.is_available() else "cpu"
-    other = any(config.precision == "bf16" and not in_bfloat16(config, device) for config in configs)
+    other = any(config.precision == "bf16" and not in_bfloat16(config, best_device()) for config in configs)
     return FLOAT32_INSTEAD if other else None
 
 

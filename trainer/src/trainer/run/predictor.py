@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
@@ -198,5 +197,4 @@ def answer_for_cubes(
         announce(remark)
     if blind := sorted(set(channels.tolist()) & set(dead)):
         announce(f"the network looks at channels {blind} of {source}, which are dead")
-    fitted.to("cuda" if torch.cuda.is_available() else "cpu")
     return network_answer(run, fitted, channels, radar)
