@@ -23,21 +23,15 @@ def _by_recipe(meaning: str) -> OptionInfo:
 
 def fit(
     datasets: Annotated[
-        list[str],
-        typer.Argument(
-            help="Folders of datasets of one radar; also s3://, gs://, hf:// and https://.", show_default=False
-        ),
+        list[str], typer.Argument(help="Folders of datasets of one radar; also s3://, gs://, hf:// and https://.")
     ],
-    out: Annotated[Path, typer.Option("--out", help="Run folder; new or empty.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Run folder; new or empty.")],
     array: Annotated[str, typer.Option(help="full, sparse6, sparse4 or a TOML file with rx = [...].")] = "sparse6",
     recipe: Annotated[
         str, typer.Option(help="recommended, paper (its network, features, target), or doa.")
     ] = "recommended",
     config: Annotated[
-        Path | None,
-        typer.Option(
-            help="TOML file of a run's fields, e.g. steps = 600; options count before it.", show_default=False
-        ),
+        Path | None, typer.Option(help="TOML file of a run's fields, e.g. steps = 600; options count before it.")
     ] = None,
     model: Annotated[str | None, _by_recipe("unrolled, spectral-unet, attention-unet or doa-cnn.")] = None,
     features: Annotated[str | None, _by_recipe("snapshots, adaptive, paper or covariance.")] = None,
