@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -56,7 +57,6 @@ class Answer(ABC):
     :param name: of network or estimator
     :param array: the channels that it looks at, as output files name them
     :param channels: [C] those among the radar's
-    :param line: their places
     :param radar: of the data, its grid that of the images
     :param unit: of the images
     :param row_wise: an image row depends on nothing but that row's snapshot
@@ -66,11 +66,15 @@ class Answer(ABC):
     name: str
     array: ArrayChoice
     channels: NDArray[np.intp]
-    line: LineArray
     radar: Radar
     unit: str
     row_wise: bool
     detects: bool
+
+    @cached_property
+    def line(self) -> LineArray:
+        """The places of its channels."""
+        return line_array(self.radar, self.channels)
 
     @abstractmethod
     def images(self, range_channel: NDArray[np.complexfloating], told: Told) -> Images:
@@ -269,16 +273,14 @@ def network_answer(
     channels = run.array.channels(run.radar) if channels is None else channels
     shown, config = radar.model_copy(update={"grid": run.radar.grid}), run.config
     return NetworkAnswer(
-        config.model, run.array, channels, line_array(radar, channels), shown, UNITS[config.target],
-        config.model == "doa-cnn", imager.detects, imager.to(best_device()),
+        config.model, run.array, channels, shown, UNITS[config.target], config.model == "doa-cnn", imager.detects,
+        imager.to(best_device()),
     )  # fmt: skip
 
 
 def array_answer(name: str, array: ArrayChoice, radar: Radar) -> EstimatorAnswer:
     """The estimator of this name (:data:`trainer.estimators.base.ESTIMATORS`) on the channels of an array."""
-    channels = array.channels(radar)
-    line = line_array(radar, channels)
-    return EstimatorAnswer(name, array, channels, line, radar, AMPLITUDE, True, False, ESTIMATORS[name]())
+    return EstimatorAnswer(name, array, array.channels(radar), radar, AMPLITUDE, True, False, ESTIMATORS[name]())
 
 
 def estimator_answer(name: str, radar: Radar, dead_channels: tuple[int, ...] = ()) -> EstimatorAnswer:
@@ -293,7 +295,7 @@ def estimator_answer(name: str, radar: Radar, dead_channels: tuple[int, ...] = (
         raise InputError("channels", f"all {radar.array.channels} are dead", "a channel with an echo")
     # Output files name RX: those of which any channel is in use.
     array = ArrayChoice(name="full", rx=tuple(np.unique(radar.array.channel_rx[channels]).tolist()))
-    return replace(array_answer(name, array, radar), channels=channels, line=line_array(radar, channels))
+    return replace(array_answer(name, array, radar), channels=channels)
 
 
 def check_method(name: str) -> None:
