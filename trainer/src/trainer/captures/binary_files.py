@@ -29,15 +29,7 @@ from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
 from shared.radar import CaptureRadar
-from trainer.captures.samples import (
-    Reading,
-    Sizes,
-    as_cube,
-    chosen_frames,
-    frames_there,
-    read_numbers,
-    sizes_of,
-)
+from trainer.captures.samples import Reading, Sizes, as_cube, chosen_frames, frames_there, read_numbers, sizes_of
 
 Lanes = Literal["2-lane", "4-lane"]
 LANES = 4

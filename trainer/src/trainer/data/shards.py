@@ -17,7 +17,7 @@ from torch.utils.data import Sampler
 from shared.dataset import COMPLEX_ARRAYS, LATER
 from shared.dataset.folder import Dataset, open_dataset
 from shared.dataset.locations import Location
-from shared.dataset.reading import open_shard
+from shared.dataset.reading import open_shard, read_row
 from shared.physics.errors import InputError
 
 
@@ -179,11 +179,7 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
 
     def _read(self, index: int) -> pa.RecordBatch:
         path, row = self._rows[index]
-        try:
-            batch = _read_row(self._shard(path), row, [*SCALARS, *self.facts, *self.columns])
-        except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-            raise InputError(path, f"damaged: {error}", "a shard as it was written") from error
-        return batch
+        return read_row(path, self._shard(path), row, [*SCALARS, *self.facts, *self.columns])
 
     def _shard(self, path: Location) -> pq.ParquetFile:
         if path not in self._open:
@@ -204,13 +200,3 @@ def _first_rows(dataset: Dataset, split: str, first: int) -> tuple[tuple[Locatio
     if rows := tuple(row for row, frame in frames if frame.frame_id < first):
         return rows
     raise InputError(dataset.path, f"no frame of split {split!r} among the first {first}", "a larger number of frames")
-
-
-def _read_row(file: pq.ParquetFile, row: int, columns: list[str]) -> pa.RecordBatch:
-    """The columns of one row; only its row group is read."""
-    group, first = 0, 0
-    while row >= first + file.metadata.row_group(group).num_rows:
-        first += file.metadata.row_group(group).num_rows
-        group += 1
-    table = file.read_row_group(group, columns=columns, use_threads=False)
-    return table.slice(row - first, 1).to_batches()[0]

@@ -187,11 +187,7 @@ class UnrolledNetwork(nn.Module):
         return self.corrected(seen, found, None if prior is None else prior[..., : self.bins], place)
 
     def corrected(
-        self,
-        seen: torch.Tensor,
-        found: Iterate,
-        prior: torch.Tensor | None = None,
-        place: torch.Tensor | None = None,
+        self, seen: torch.Tensor, found: Iterate, prior: torch.Tensor | None = None, place: torch.Tensor | None = None
     ) -> torch.Tensor:
         """[B, 1 or 2, R, U] the answer, or of the images of ``place``, of what the iterations have found.
 
