@@ -20,7 +20,7 @@ from shared.dataset.writing import atomic
 from shared.physics.errors import InputError, meant
 from trainer.run.folder import CHECKPOINT, METRICS, save_weights
 from trainer.run.pictures import panel
-from trainer.training.task import ImagingTask
+from trainer.training.task import Batch, ImagingTask
 
 TENSORBOARD, NONE = "tensorboard", "none"
 OTHERS = ("wandb", "mlflow")
@@ -190,13 +190,7 @@ class PictureLogger(Callback):
     """DaS, estimate and truth of the first validation frame into TensorBoard at every validation."""
 
     def on_validation_batch_end(
-        self,
-        trainer: Trainer,
-        pl_module: LightningModule,
-        outputs: Any,
-        batch: dict[str, torch.Tensor],
-        batch_idx: int,
-        dataloader_idx: int = 0,
+        self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Batch, batch_idx: int, *_: Any
     ) -> None:
         if batch_idx or not trainer.is_global_zero or not isinstance(trainer.logger, TensorBoardLogger):
             return

@@ -113,8 +113,7 @@ def fit(request: FitRequest, announce: Callable[[str], object] = print) -> Run:
     out, first = request.out, is_first()
     with output_folder(out, request.resume, "an empty or new folder, or --resume") if first else follower():
         data = ImagingData(request.datasets, request.weights, request.config, request.workers, request.check)
-        start, said = _start_of(request, data)
-        run = _run_of(request, data, start)
+        run, start, said = _begun(request, data)
         online = run.config.model == "doa-cnn"
         task = (DoaTask if online else ImagingTask)(run.config, run.radar, run.array)
         if start is not None:
@@ -154,32 +153,27 @@ def fit(request: FitRequest, announce: Callable[[str], object] = print) -> Run:
         return run
 
 
-def _start_of(request: FitRequest, data: ImagingData) -> tuple[Path | None, str]:
-    """(the run whose weights training begins with, what to say of a start that was not stated)."""
-    if request.start != SHIPPED:
-        return None if request.start is None else Path(request.start), ""
-    if request.resume and (request.out / RUN_FILE).is_file() and read_run(request.out).start is None:
-        return None, ""  # it began with random weights: so it was asked for, or nothing shipped did fit
-    return shipped_start(_config_of(request, data), data.radar, choose_array(request.array, data.radar))
-
-
-def _config_of(request: FitRequest, data: ImagingData, start: Path | None = None) -> FitConfig:
-    changes: dict[str, object] = {"truth_window": data.truth_window}
+def _begun(request: FitRequest, data: ImagingData) -> tuple[Run, Path | None, str]:
+    """(the run, that whose weights it begins with, what to say of a start that was not stated)."""
+    array = choose_array(request.array, data.radar)
+    config = request.config.model_copy(update={"truth_window": data.truth_window})
+    start, said = None if request.start is None else Path(request.start), ""
+    if request.start == SHIPPED:
+        # One that began with random weights was asked to, or nothing shipped did fit.
+        anew = request.resume and (request.out / RUN_FILE).is_file() and read_run(request.out).start is None
+        start, said = (None, "") if anew else shipped_start(config, data.radar, array)
     if start is not None and "learning_rate" not in request.config.model_fields_set:
-        changes["learning_rate"] = FURTHER_RATE
-    return request.config.model_copy(update=changes)
-
-
-def _run_of(request: FitRequest, data: ImagingData, start: Path | None) -> Run:
-    return Run(
-        config=_config_of(request, data, start),
+        config = config.model_copy(update={"learning_rate": FURTHER_RATE})
+    run = Run(
+        config=config,
         radar=data.radar,
-        array=choose_array(request.array, data.radar),
+        array=array,
         datasets=data.fingerprints,
         weights=tuple(request.weights) if request.weights else None,
         versions=versions(),
         start=None if start is None else Start.of(start),
     )
+    return run, start, said
 
 
 def _summary(run: Run, task: LightningModule) -> str:
