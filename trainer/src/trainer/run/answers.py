@@ -24,7 +24,6 @@ from trainer.estimators.adaptive import VirtualView
 from trainer.estimators.base import ESTIMATORS, Estimator, LineArray, line_array
 from trainer.estimators.das import DelayAndSum
 from trainer.metrics.cells import CellScores, score_cells
-from trainer.run.detections import new_peaks
 from trainer.run.folder import Run
 from trainer.run.imager import AMPLITUDE, UNITS, Imager, best_device
 
@@ -100,16 +99,14 @@ class Answer(ABC):
     def _told(self, measurement: Measurement) -> Told:
         """What is known of the frame's rows [D, R]."""
         motion = measurement.motion
-        world = None if motion is None else StaticWorld(motion, measurement.velocity, self.radar)
+        world = None if motion is None else StaticWorld(motion, measurement.cells.velocity, self.radar)
         return Told(measurement.noise_power, measurement.model_error_db, world)
 
     def seen_motion(self, measurement: Measurement) -> EgoMotion | None:
         """The sensor's motion as these channels see it in the frame, which seeds what is drawn."""
-        new = new_peaks(measurement.velocity)
-        cells = measurement.range_channel[new][:, self.channels]
-        return seen_motion(
-            cells, measurement.velocity[new], self.line, self.radar, measurement.noise_power, measurement.frame_id
-        )
+        seen = measurement.cells
+        cells, velocity = seen.range_channel[seen.new][:, self.channels], seen.velocity[seen.new]
+        return seen_motion(cells, velocity, self.line, self.radar, measurement.noise_power, measurement.frame_id)
 
     def image(self, range_channel: NDArray[np.complexfloating], noise_power: float) -> NDArray[np.float64]:
         """[R, U] of one matrix [R, C]."""
@@ -198,13 +195,13 @@ class NetworkAnswer(Answer):
 
     def peaks(self, measurement: Measurement) -> Images:
         """A repeated peak has the strongest's row."""
-        new = new_peaks(measurement.velocity)
+        new = measurement.cells.new
         place = np.where(new, np.cumsum(new).reshape(new.shape) - 1, np.arange(new.shape[1]))
-        return self.images(measurement.range_channel[new][None], self._told(measurement)[new][None], place)
+        return self.images(measurement.cells.range_channel[new][None], self._told(measurement)[new][None], place)
 
     def baseline(self, measurement: Measurement) -> NDArray[np.floating]:
         with torch.inference_mode():
-            return np.asarray(self.imager.das(self._tensor(measurement.range_channel)).cpu().numpy().max(axis=0))
+            return np.asarray(self.imager.das(self._tensor(measurement.cells.range_channel)).cpu().numpy().max(axis=0))
 
     def _tensor(self, range_channel: NDArray[np.complexfloating]) -> torch.Tensor:
         return torch.from_numpy(np.array(range_channel)).to(self.imager.weights.device)
@@ -240,8 +237,8 @@ class EstimatorAnswer(Answer):
         return np.asarray(replace(self, estimator=DelayAndSum())._images(measurement).max(axis=0))
 
     def _images(self, measurement: Measurement) -> NDArray[np.float64]:
-        new = new_peaks(measurement.velocity)
-        rows, line = self._elements(np.asarray(measurement.range_channel)[new])
+        new = measurement.cells.new
+        rows, line = self._elements(np.asarray(measurement.cells.range_channel)[new])
         images = np.zeros((*new.shape, self.radar.grid.bins))
         images[new] = self._rows(rows, line, self._told(measurement)[new])
         return images

@@ -148,7 +148,7 @@ def find_detections(
     expected = (*np.shape(snapshots)[:2], radar.grid.bins)
     if np.shape(image) != expected or np.shape(velocity) != expected[:2]:
         raise InputError("detections", f"an image {np.shape(image)}, velocities {np.shape(velocity)}", f"{expected}")
-    new, waveform, axis = new_peaks(velocity), radar.waveform, radar.grid.u
+    new, waveform, axis = seen.new, radar.waveform, radar.grid.u
     cells = np.rint(np.asarray(velocity, dtype=np.float64) / waveform.velocity_step_mps).astype(np.int64)
     range_m = np.maximum(np.arange(snapshots.shape[1]), 1) * waveform.range_step_m
     straight = np.exp(-1j * array.bend_phase(range_m))
@@ -310,12 +310,6 @@ def _patterns(
             if len(members):
                 steps = [-1] * left + [0] + [1] * right
                 yield {step: beside[step][members] if step else peak[members] for step in steps}, members
-
-
-def new_peaks(velocity: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """[D, R] which Doppler peaks of a range bin, by their velocities [D, R], do not repeat an earlier one."""
-    new = [(velocity[:d] != velocity[d]).all(axis=0) for d in range(len(velocity))]
-    return np.array(new, dtype=bool).reshape(velocity.shape)
 
 
 def _around(

@@ -161,13 +161,13 @@ class Predictor:
             points = find_detections(
                 images,
                 probability,
-                measurement.seen_by(self.answer.channels),
+                measurement.cells.seen_by(self.answer.channels),
                 self.answer.radar,
                 self.answer.line,
                 Sought(measurement.noise_power, level, self.listed.false_alarms),
             )
             points = with_moving(points, measurement.motion, self.answer.radar)
-        return Prediction(measurement, *merge_peaks(images, measurement.velocity), points)
+        return Prediction(measurement, *merge_peaks(images, measurement.cells.velocity), points)
 
 
 def merge_peaks(
