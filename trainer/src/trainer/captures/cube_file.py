@@ -1,14 +1,9 @@
-"""Cubes in files: what ``trainer import`` writes, and what ``predict`` and ``evaluate`` read.
+"""Cubes in files: what ``trainer import`` writes, and what ``predict`` and ``evaluate`` read (docs/captures.md).
 
-A ``.npz`` holds three arrays:
-
-- ``cube``: complex64 [chirp, sample, C] or [frame, chirp, sample, C]; C rx-major, channel = TX count * rx + tx;
-- ``radar``: the fields of a radar's TOML file as JSON text;
-- ``capture``: a :class:`Capture` as JSON text, sealed (:mod:`shared.dataset.documents`). A cube that was simulated, or
-  written by hand, has none.
-
-The samples follow eq. (1) of the paper, exp(+j 2 pi (mu t tau + f_c tau)): a target on the left has u > 0, a receding
-one a positive velocity (:mod:`shared.signal.signal`). A ``.npy`` holds the cube alone; its radar is named beside it.
+The channels of a ``.npz``'s cube are rx-major, channel = TX count * rx + tx; its :class:`Capture` is sealed
+(:mod:`shared.dataset.documents`), and there is none where the cube was simulated or written by hand. The samples follow
+eq. (1) of the paper, exp(+j 2 pi (mu t tau + f_c tau)): a target on the left has u > 0, a receding one a positive
+velocity (:mod:`shared.signal.signal`). A ``.npy`` holds the cube alone; its radar is named beside it.
 """
 
 from __future__ import annotations

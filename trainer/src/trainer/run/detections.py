@@ -1,10 +1,7 @@
-"""The detections of a frame: lines fitted to groups of cells, one for each target.
+"""The detections of a frame: lines fitted to groups of cells, one for each target (docs/points.md).
 
-A target stands in several range bins and Doppler cells: the Hann window's main lobe is four of either wide, and its
-sidelobes begin at -31 dB. A cell above a threshold and the cells of its two neighbouring bins at the same Doppler are a
-group, in which one decision is made on the number of lines. Groups are made about the strongest cell, then about the
-strongest that is no neighbour of it, and so on: what stands in a neighbour is fitted in the stronger cell's group.
-Which lines are targets says :mod:`trainer.run.targets_once`.
+The Hann window's main lobe is four range bins, and Doppler cells, wide; its sidelobes begin at -31 dB. What stands in a
+neighbour of a group's cell is fitted in that group. Which lines are targets says :mod:`trainer.run.targets_once`.
 
 The false alarms of a frame are those of first lines in noise, all Doppler cells searched among which the fitted ones
 were chosen; as many are allowed to further lines in the groups that were heard.
