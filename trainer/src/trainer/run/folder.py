@@ -31,10 +31,10 @@ from safetensors.torch import save
 from shared.dataset.claims import claimed
 from shared.dataset.documents import read_json, sealed, unsealed
 from shared.dataset.folder import ShardRecord
-from shared.dataset.locations import Location, folder_name
+from shared.dataset.locations import Location, folder_name, sha256_of
 from shared.dataset.writing import write_bytes, write_json
 from shared.physics.errors import InputError, Told
-from shared.radar import Radar, first_validation_error
+from shared.radar import Radar, validated
 from trainer.data.arrays import ArrayChoice
 from trainer.run.configuration import FitConfig
 from trainer.run.imager import Imager, lay_out
@@ -156,8 +156,7 @@ class Start(BaseModel, frozen=True, extra="forbid"):
         path = directory / WEIGHTS
         if not path.is_file():
             raise InputError(path, "no such file", "the weights of a run that has validated at least once")
-        sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-        return cls(name=directory.resolve().name, sha256=sha256, trained_on=read_run(directory).trained_on)
+        return cls(name=directory.resolve().name, sha256=sha256_of(path), trained_on=read_run(directory).trained_on)
 
 
 class Run(Told, BaseModel, frozen=True, extra="forbid"):
@@ -213,10 +212,7 @@ def read_run(directory: Path) -> Run:
     found = document.get("version") if isinstance(document, dict) else None
     if found != RUN_VERSION:
         raise InputError(path, f"version = {found!r}", f"run version {RUN_VERSION}")
-    try:
-        return Run.model_validate(unsealed(path, document))
-    except ValidationError as error:
-        raise InputError(path, *first_validation_error(error)) from error
+    return validated(Run, unsealed(path, document), path)
 
 
 def save_weights(directory: Path, imager: Imager, gain: float = 1.0) -> None:
