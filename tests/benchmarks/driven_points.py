@@ -9,7 +9,7 @@ added; and of each thing (car, walker, pole) that is so strong the cell that its
 within the image's field of view: what stands beyond is not listed. Printed for
 ``--cells peaks`` and ``all``: the shares of these cells and of these things that a line stands in, or beside; lines a
 frame with no path's power nearby; how many lines are true, by the probability that they were given; and the constants
-of :mod:`trainer.run.certainty` that fit these lines best.
+of :func:`trainer.run.detections.line_probability` that fit these lines best.
 """
 
 from __future__ import annotations
@@ -33,8 +33,7 @@ from shared.radar import Radar
 from shared.signal.windows import cell_noise_power
 from trainer.data.measurements import ALL, PEAKS, open_measurements
 from trainer.run.answers import NetworkAnswer
-from trainer.run.certainty import BY_HEAD, BY_LEVEL, HIGHEST_DB
-from trainer.run.detections import FALSE_ALARMS, Detections
+from trainer.run.detections import BY_HEAD, BY_LEVEL, FALSE_ALARMS, HIGHEST_DB, Detections
 from trainer.run.predictor import PointsRequest, Predictor
 
 TOLD_DB, THERE_DB = 13.0, 0.0
@@ -100,7 +99,7 @@ def fitted_constants(
     true: NDArray[np.float64],
     used: tuple[float, float, float],
 ) -> NDArray[np.float64]:
-    """(a, b, c) of :mod:`trainer.run.certainty` of most likelihood; what the head said follows from those used."""
+    """(a, b, c) of :func:`line_probability` of most likelihood; what the head said follows from those used."""
     a, b, c = used
     level = np.minimum(snr_db, HIGHEST_DB)
     columns = np.stack([np.ones_like(level), level / 10.0], axis=1)

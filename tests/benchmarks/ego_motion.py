@@ -23,7 +23,7 @@ from shared.dataset.reading import radar_of
 from shared.radar import Radar
 from shared.signal.ego_motion import EgoMotion
 from trainer.data.arrays import choose_array
-from trainer.data.measurements import Measurement
+from trainer.data.measurements import Cells, Measurement
 from trainer.data.motion import known_world
 from trainer.metrics.bootstrap import Interval, bootstrap_mean
 from trainer.metrics.image import nmse
@@ -75,7 +75,7 @@ def _answers(array: str, radar: Radar) -> Iterator[tuple[str, Answer]]:
 
 def _estimated(frame: Frame, answer: Answer) -> Frame:
     """The frame with the velocity that it shows; said beside the truth, in the radar frame."""
-    seen = Measurement("", frame.frame_id, frame.range_channel, frame.velocity, frame.noise_power, None)
+    seen = Measurement("", frame.frame_id, Cells(frame.range_channel, frame.velocity), frame.noise_power, None)
     truth, found = EgoMotion.of_pose(frame.sensor_velocity, frame.sensor_orientation), answer.seen_motion(seen)
     print(f"frame {frame.frame_id}: {truth.forward_mps:.3f}, {truth.left_mps:.3f} m/s; estimated {found}")
     if found is None:

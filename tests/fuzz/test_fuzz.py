@@ -120,7 +120,7 @@ def finite_measurements(path: Path) -> None:
     """Of a cube; its radar stands beside it, or within."""
     beside = str(path.with_name("tiny.toml")) if path.suffix == ".npy" else None
     for measurement in open_measurements(path, beside, "test")[1]:
-        assert np.isfinite(measurement.range_channel).all()
+        assert np.isfinite(measurement.cells.range_channel).all()
 
 
 def finite_capture(path: Path, board: str = "iwr1642", chirps: str = "capture.toml") -> None:

@@ -96,8 +96,8 @@ def test_simulation_and_import_see_the_same_channels_velocities_and_angles(tmp_p
     assert frame.cube is not None
     np.savez(tmp_path / "cube.npz", cube=frame.cube, radar=radar.model_dump_json())
     _, (measurement,) = open_measurements(tmp_path / "cube.npz", None, "all")
-    np.testing.assert_array_equal(measurement.range_channel, frame.range_channel)
-    np.testing.assert_array_equal(measurement.velocity, frame.velocity)
+    np.testing.assert_array_equal(measurement.cells.range_channel, frame.range_channel)
+    np.testing.assert_array_equal(measurement.cells.velocity, frame.velocity)
     for target in frame.targets:
         row = round(target.range_m / radar.waveform.range_step_m)
         assert frame.velocity[0, row] == pytest.approx(target.velocity_mps, abs=0.51 * radar.waveform.velocity_step_mps)

@@ -46,7 +46,7 @@ def test_every_frame_is_a_measurement_with_the_noise_that_was_measured(tmp_path:
         ("drive-000000", 0, 2.5),
         ("drive-000001", 1, 2.5),
     ]
-    assert not np.array_equal(found[0].range_channel, found[1].range_channel)
+    assert not np.array_equal(found[0].cells.range_channel, found[1].cells.range_channel)
 
 
 @pytest.mark.parametrize(

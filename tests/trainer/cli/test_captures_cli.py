@@ -30,7 +30,7 @@ def test_from_samples_to_an_image(
     found, measurements = open_measurements(tmp_path / "cube.npz", None, "test")
     first = next(iter(measurements))
     row = round(float(np.hypot(3.4, 0.9)) / found.waveform.range_step_m)
-    image = np.abs(steering_matrix(found, found.array).T @ first.range_channel[0, row])
+    image = np.abs(steering_matrix(found, found.array).T @ first.cells.range_channel[0, row])
     assert found.grid.u[image.argmax()] == pytest.approx(-0.9 / np.hypot(3.4, 0.9), abs=0.06)
 
 
@@ -96,7 +96,7 @@ def test_a_public_capture_has_its_echoes_where_they_are_stated_to_be(
     for range_m, velocity, angle_deg in ((5.22, 0.0, 2.5), (2.95, 0.56, 7.0), (2.95, -0.48, -15.0)):
         best: tuple[float, float] = (0.0, np.nan)
         for row in np.flatnonzero(np.abs(found.waveform.ranges_m - range_m) < 0.1):
-            for peak in np.flatnonzero(np.abs(frame.velocity[:, row] - velocity) < 0.042):
-                image = np.abs(steering.T @ frame.range_channel[peak, row])
+            for peak in np.flatnonzero(np.abs(frame.cells.velocity[:, row] - velocity) < 0.042):
+                image = np.abs(steering.T @ frame.cells.range_channel[peak, row])
                 best = max(best, (float(image.max()), float(np.rad2deg(np.arcsin(found.grid.u[image.argmax()])))))
         assert best[1] == pytest.approx(angle_deg, abs=1.0)

@@ -36,10 +36,10 @@ def seen(
     measurement = of_cube("cube", CubeFile((echo + noise).astype(np.complex64)[None], radar, None), 0, None, cells)
     array, power = line_array(radar), cell_noise_power(radar)
     image = np.stack(
-        [ESTIMATORS["das"]().image(rows, array, radar.grid.u, power) for rows in measurement.range_channel]
+        [ESTIMATORS["das"]().image(rows, array, radar.grid.u, power) for rows in measurement.cells.range_channel]
     )
     used = np.arange(radar.array.channels)
-    return find_detections(image, None, measurement.seen_by(used), radar, array, Sought(power))
+    return find_detections(image, None, measurement.cells.seen_by(used), radar, array, Sought(power))
 
 
 @pytest.mark.parametrize("cells", ["peaks", "all"])

@@ -253,7 +253,7 @@ def test_channels_that_coincide_are_one_element(tmp_path):
     assert found.element.tolist() == [-1, 0, 2, -1, 1, 3, 0, 2, 4, 1, 3, 5]
     assert len(found.snapshot) == 6
     assert found.frame is not None
-    expected = found.frame.range_channel[0][found.row][[1, 6]].mean()
+    expected = found.frame.cells.range_channel[0][found.row][[1, 6]].mean()
     assert found.snapshot[0] == pytest.approx(complex(expected), rel=1e-5)
     evaluated(None, tmp_path / "out", measured=cube, targets=1, methods=["music-fbss"], announce=str)
     angle = values(tmp_path / "out")["music-fbss", "full", "angle 1 [deg]"]

@@ -123,12 +123,10 @@ def test_the_model_error_of_a_cube_is_the_capture_s(tmp_path):
         path = write_capture(tmp_path / "cube.npz", radar, model_error_db=error)
         (measurement,) = open_measurements(path, None, "test")[1]
         assert measurement.model_error_db == expected
-        assert measurement.measured
     cube = np.zeros((8, 64, 8), np.complex64)
     np.savez(tmp_path / "plain.npz", cube=cube, radar=radar.model_dump_json())
     (measurement,) = open_measurements(tmp_path / "plain.npz", None, "test")[1]
     assert measurement.model_error_db == NO_MODEL_ERROR_DB
-    assert not measurement.measured
     assert measurement.noise_power == cell_noise_power(radar)
 
 

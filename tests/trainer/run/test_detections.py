@@ -25,9 +25,8 @@ from trainer.data.cfar import cfar_cells
 from trainer.data.measurements import Cells
 from trainer.data.simulation import amplitude_of, in_plane, snapshot
 from trainer.estimators.base import ESTIMATORS
-from trainer.run.certainty import line_probability
 from trainer.run.detection_files import UNITS, records, write_csv, write_pcd
-from trainer.run.detections import Detections, Sought, find_detections
+from trainer.run.detections import Detections, Sought, find_detections, line_probability
 from trainer.run.predict import PredictRequest, predict
 from trainer.run.predictor import PointsRequest
 from trainer.run.targets_once import hann_envelope_db

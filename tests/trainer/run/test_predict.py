@@ -23,7 +23,7 @@ from shared.signal.adaptive import adaptive_tables
 from shared.signal.ego_motion import EgoMotion, StaticWorld
 from shared.signal.features import adaptive_features, row_features, snapshot_features, steering_weights
 from trainer.cli.app import app
-from trainer.data.measurements import Measurement, open_measurements
+from trainer.data.measurements import Cells, Measurement, open_measurements
 from trainer.run.answers import Told, network_answer
 from trainer.run.detection_files import records
 from trainer.run.export import export
@@ -81,11 +81,11 @@ def test_a_cube_is_imaged_and_its_target_is_where_it_was_put(tmp_path):
     found, measurements = open_measurements(tmp_path / "cube.npz", None, "test")
     assert found == RADAR
     (measurement,) = measurements
-    assert measurement.range_channel.shape == (3, 24, 6)
-    row = np.abs(measurement.range_channel[0]).mean(axis=1).argmax()
+    assert measurement.cells.range_channel.shape == (3, 24, 6)
+    row = np.abs(measurement.cells.range_channel[0]).mean(axis=1).argmax()
     assert row == round(np.hypot(2.0, 0.4) / RADAR.waveform.range_step_m)
     run = make_run(tmp_path / "run")
-    das = load_imager(run)[1].das(torch.from_numpy(measurement.range_channel[:1]))[0].numpy()
+    das = load_imager(run)[1].das(torch.from_numpy(measurement.cells.range_channel[:1]))[0].numpy()
     assert RADAR.grid.u[das[row].argmax()] == pytest.approx(0.4 / np.hypot(2.0, 0.4), abs=RADAR.grid.step)
     assert predict(PredictRequest(tmp_path / "cube.npz", tmp_path / "out", run=run), str) == 1
     assert (tmp_path / "out/cube.png").is_file()
@@ -157,7 +157,7 @@ def test_a_network_is_told_the_model_error_of_a_capture(tmp_path):
     unit = snapshots / np.sqrt(np.mean(np.abs(snapshots[..., [0, 1, 2, 5]]) ** 2, axis=-1, keepdims=True))
 
     def imaged(noise_power, **told):
-        return answer.peaks(Measurement("m", 0, unit, velocity, noise_power, None, **told))[0]
+        return answer.peaks(Measurement("m", 0, Cells(unit, velocity), noise_power, None, **told))[0]
 
     np.testing.assert_allclose(imaged(0.0, model_error_db=-10.0), imaged(0.1), rtol=1e-5)
     assert np.abs(imaged(0.1) - imaged(0.0)).max() > 1e-3
@@ -176,7 +176,7 @@ def test_a_row_that_stands_in_several_images_is_computed_once(tmp_path, monkeypa
     again[0] = False
     snapshots, velocity = np.where(again[..., None], snapshots[0], snapshots), np.where(again, velocity[0], velocity)
     motion = EgoMotion.of_vehicle(3.0, 0.0, 0.0) if changes == {"told": 0.5} else None
-    measurement = Measurement("m", 0, snapshots, velocity, NOISE_POWER, None, motion=motion)
+    measurement = Measurement("m", 0, Cells(snapshots, velocity), NOISE_POWER, None, motion=motion)
     computed, features = [], answer.imager.features
 
     def counted(rows, *more):

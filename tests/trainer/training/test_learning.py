@@ -13,8 +13,7 @@ from trainer.data.arrays import ArrayChoice
 from trainer.data.shards import BatchOrder
 from trainer.metrics.cells import truth_cells
 from trainer.run.configuration import FitConfig
-from trainer.run.imager import Imager
-from trainer.run.targets import decode, encode
+from trainer.run.imager import Imager, decode, encode
 from trainer.training.augmentation import AngularAugmentation, Draw, draw
 from trainer.training.losses import SIGMA_BINS, SIGMA_ROWS, frame_losses, scene_spots, spots
 from trainer.training.task import ImagingTask

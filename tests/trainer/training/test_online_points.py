@@ -21,7 +21,7 @@ from trainer.training.online_points import (
     OnlinePoints,
     Targets,
     draw_targets,
-    hann_response,
+    hann_spectrum,
 )
 
 CPU = torch.device("cpu")
@@ -48,7 +48,7 @@ def test_the_range_response_is_the_spectrum_of_the_window():
     window = hann(samples)
     offset = np.array([-2.7, -1.0, -0.4, 0.0, 0.25, 1.0, 1.5, 2.0])
     tone = np.exp(2j * np.pi * offset[:, None] * np.arange(samples) / samples)
-    np.testing.assert_allclose(hann_response(offset), tone @ window / window.sum(), atol=2e-3)
+    np.testing.assert_allclose(hann_spectrum(offset), tone @ window / window.sum(), atol=2e-3)
 
 
 def signal_model(radar, row, u):
@@ -77,7 +77,7 @@ def test_an_echo_is_that_of_the_signal_model_up_to_its_phase():
     assert level == pytest.approx(1.0, abs=0.01)
     assert error < 0.1
     # The truth reads the same amplitude at the same place.
-    assert truth.max().item() == pytest.approx(abs(hann_response(np.array([0.3])))[0], rel=0.01)
+    assert truth.max().item() == pytest.approx(abs(hann_spectrum(np.array([0.3])))[0], rel=0.01)
     peak_row, peak_bin = np.unravel_index(int(truth.argmax()), (630, 450))
     assert peak_row == 400
     assert radar.grid.u[peak_bin] == u
@@ -130,7 +130,7 @@ def test_echoes_add_and_a_row_outside_reaches_in():
     torch.testing.assert_close(both, one + other)
     outside = see([-0.5], [0.0], [1.0])[0]
     assert outside[0, 0].abs().min() > 0.5
-    beyond = abs(hann_response(np.arange(NEIGHBOURS[-1] + 0.5, 20.0)))
+    beyond = abs(hann_spectrum(np.arange(NEIGHBOURS[-1] + 0.5, 20.0)))
     assert 20 * np.log10(beyond.max()) < -48.0
 
 

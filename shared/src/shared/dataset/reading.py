@@ -97,16 +97,24 @@ def read_frame(path: Location, row: int, columns: Sequence[str] | None = None) -
         wanted = _wanted_columns(path, file, columns)
         if not 0 <= row < file.metadata.num_rows:
             raise InputError(path, f"row {row}", f"a row from 0 to {file.metadata.num_rows - 1}")
-        group, first = 0, 0
-        while row >= first + file.metadata.row_group(group).num_rows:
-            first += file.metadata.row_group(group).num_rows
-            group += 1
-        try:
-            table = file.read_row_group(group, columns=wanted, use_threads=False)
-        except _READ_ERRORS as error:
-            raise InputError(path, f"damaged: {error}", "a shard as it was written") from error
+        return frame_from_row(read_row(path, file, row, wanted), 0, shapes)
+
+
+def read_row(path: Location, file: pq.ParquetFile, row: int, columns: Sequence[str]) -> pa.RecordBatch:
+    """These columns of one row of an open shard; only its row group is read.
+
+    :raises InputError: a damaged shard, by its path
+    """
+    group, first = 0, 0
+    while row >= first + file.metadata.row_group(group).num_rows:
+        first += file.metadata.row_group(group).num_rows
+        group += 1
+    try:
+        table = file.read_row_group(group, columns=columns, use_threads=False)
+    except _READ_ERRORS as error:
+        raise InputError(path, f"damaged: {error}", "a shard as it was written") from error
     (batch,) = table.slice(row - first, 1).combine_chunks().to_batches()
-    return frame_from_row(batch, 0, shapes)
+    return batch
 
 
 def radar_of(description: Mapping[str, Any], source: object = "description") -> Radar:

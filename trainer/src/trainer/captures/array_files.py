@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
 from shared.radar import Radar
-from trainer.captures.samples import Order, Reading, as_cube, chosen_frames, one_sided, ordered
+from trainer.captures.samples import Reading, as_cube, chosen_frames
 
 NAMES = ("frame", "chirp", "tx", "rx", "sample", "iq")
 GUESSES = (
@@ -72,45 +72,33 @@ def read_array_capture(
         name: (pattern, lengths)
         for name, values in candidates.items()
         for pattern in reversed(patterns)  # the first that fits remains
-        if (lengths := _lengths(values.shape, parse_axes(pattern), radar)) is not None
+        if (lengths := _lengths(values, parse_axes(pattern), radar)) is not None
     }
     if len(fitting) != 1:
         found = ", ".join(f"{name} {list(values.shape)}" for name, values in candidates.items()) or "no arrays"
         raise InputError(path, f"{len(fitting)} arrays that fit, of {found}", _expected(radar, axes))
     ((name, (pattern, lengths)),) = fitting.items()
     words = [word for axis in parse_axes(pattern) for word in axis]
-    values = with_sign(candidates[name]).reshape([lengths[word] for word in words])
-    absent = [word for word in NAMES[:-1] if word not in words]
-    values, words = values.reshape(*values.shape, *([1] * len(absent))), words + absent
+    values = candidates[name]
+    if np.iscomplexobj(values):
+        values, words = np.stack([values.real, values.imag], axis=-1), [*words, "iq"]
+    words += [word for word in NAMES if word not in words]
+    values = with_sign(values).reshape([lengths.get(word, 1) for word in words])
     chosen = chosen_frames(path, values.shape[words.index("frame")], reading.frames, radar)
     values = values.take(np.array(chosen), axis=words.index("frame"))
     if not np.isfinite(values).all():
         raise InputError(path, f"{name} has values that are not finite", "finite samples")
-    return as_cube(*_complex(values, words, reading.order)), pattern
+    return as_cube(values, words, reading.order), pattern
 
 
 def with_sign(values: NDArray[Any]) -> NDArray[Any]:
     """16-bit numbers that were read without their sign, with it; others as they are."""
-    if np.iscomplexobj(values):
-        parts = np.stack([values.real, values.imag])
-        signed = with_sign(parts)
-        return values if signed is parts else signed[0] + 1j * signed[1]
     if values.dtype.kind == "i" or not values.size:
         return values
     lowest, highest = float(values.min()), float(values.max())
     if not (lowest >= 0.0 and 2**15 <= highest < 2**16) or (values != np.floor(values)).any():
         return values
     return values.astype(np.uint16).view(np.int16).astype(np.float32)
-
-
-def _complex(values: NDArray[Any], words: list[str], order: Order) -> tuple[NDArray[np.complex64], list[str]]:
-    if "iq" in words:
-        first, second = np.moveaxis(values, words.index("iq"), 0)
-        rest = [word for word in words if word != "iq"]
-        return ordered((first + 1j * second).astype(np.complex64), order), rest
-    if np.iscomplexobj(values):
-        return ordered(values.astype(np.complex64), order), words
-    return one_sided(values), words
 
 
 def _sizes(radar: Radar) -> dict[str, int]:
@@ -120,14 +108,18 @@ def _sizes(radar: Radar) -> dict[str, int]:
     }  # fmt: skip
 
 
-def _lengths(shape: tuple[int, ...], axes: Axes, radar: Radar) -> dict[str, int] | None:
-    """The length of each word where an array of this shape has these axes; None where it has not."""
+def _lengths(values: NDArray[Any], axes: Axes, radar: Radar) -> dict[str, int] | None:
+    """The length of each word where an array has these axes, and of "iq" where it is complex; else None."""
     sizes = _sizes(radar)
     words = {word for axis in axes for word in axis}
-    if len(shape) != len(axes) or any(sizes[word] != 1 for word in NAMES[1:-1] if word not in words):
+    if values.ndim != len(axes) or any(sizes[word] != 1 for word in NAMES[1:-1] if word not in words):
         return None
+    if np.iscomplexobj(values):
+        if "iq" in words:
+            return None
+        words |= {"iq"}
     lengths = {word: sizes[word] for word in words if word != "frame"}
-    for length, axis in zip(shape, axes, strict=True):
+    for length, axis in zip(values.shape, axes, strict=True):
         known = math.prod(lengths[word] for word in axis if word != "frame")
         if "frame" in axis and length and length % known == 0:
             lengths["frame"] = length // known

@@ -29,17 +29,7 @@ from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
 from shared.radar import CaptureRadar
-from trainer.captures.samples import (
-    Reading,
-    Sizes,
-    as_cube,
-    chosen_frames,
-    frames_there,
-    one_sided,
-    ordered,
-    read_numbers,
-    sizes_of,
-)
+from trainer.captures.samples import Reading, Sizes, as_cube, chosen_frames, frames_there, read_numbers, sizes_of
 
 Lanes = Literal["2-lane", "4-lane"]
 LANES = 4
@@ -55,31 +45,18 @@ def read_dca1000(path: Path, of_board: CaptureRadar, reading: Reading, lanes: La
     :param of_board: the RX of a "4-lane" file are its lanes, by default the first ones
     :raises InputError: a file whose size does not fit, that is empty, or whose numbers cannot be samples
     """
-    radar, real, order = of_board.radar, of_board.real, reading.order
+    radar = of_board.radar
     wide = lanes == "4-lane"
-    sizes = sizes_of(radar, real, LANES if wide else None)
+    sizes = sizes_of(radar, of_board.real, LANES if wide else None)
     chosen = chosen_frames(path, frames_there(path, sizes), reading.frames, radar)
     numbers = read_numbers(path, sizes, chosen)
-    shape = (len(chosen), sizes.chirps, sizes.tx)
+    shape, parts = (len(chosen), sizes.chirps, sizes.tx), 1 if sizes.real else 2
     if wide:
         used = [number - 1 for number in of_board.rx] or list(range(sizes.rx))
-        axes = ("frame", "chirp", "tx", "sample", "rx")
-        if real:
-            return as_cube(one_sided(numbers.reshape(*shape, sizes.samples, LANES)[..., used]), axes)
-        parts = numbers.reshape(*shape, sizes.samples, 2, LANES)[..., used]
-        return as_cube(ordered(_complex(parts[..., 0, :], parts[..., 1, :]), order), axes)
-    axes = ("frame", "chirp", "tx", "rx", "sample")
-    if real:
-        return as_cube(one_sided(numbers.reshape(*shape, sizes.rx, sizes.samples)), axes)
-    pairs = numbers.reshape(-1, 2, 2)
-    samples = _complex(pairs[:, 0], pairs[:, 1]).reshape(*shape, sizes.rx, sizes.samples)
-    return as_cube(ordered(samples, order), axes)
-
-
-def _complex(in_phase: NDArray[np.int16], quadrature: NDArray[np.int16]) -> NDArray[np.complex64]:
-    samples = np.empty(in_phase.shape, np.complex64)
-    samples.real, samples.imag = in_phase, quadrature
-    return samples
+        numbers = numbers.reshape(*shape, sizes.samples, parts, LANES)[..., used]
+        return as_cube(numbers, ("frame", "chirp", "tx", "sample", "iq", "rx"), reading.order)
+    numbers = numbers.reshape(-1, parts, parts).swapaxes(1, 2).reshape(*shape, sizes.rx, sizes.samples, parts)
+    return as_cube(numbers, ("frame", "chirp", "tx", "rx", "sample", "iq"), reading.order)
 
 
 def cascade_files(path: Path) -> list[Path]:
@@ -120,17 +97,14 @@ def read_cascade(path: Path, of_board: CaptureRadar, reading: Reading) -> NDArra
         raise InputError(path, f"RX {list(numbers)}", f"the {len(radar.array.rx_m)} RX of radar {radar.name!r}")
     chosen = chosen_frames(files[0], counts[0], reading.frames, radar)
     shape = (len(chosen), sizes.chirps, sizes.tx, sizes.samples)
-    samples = np.empty((*shape, len(numbers)), np.complex64)
+    recorded = np.empty((*shape, len(numbers), 2), np.int16)
+    of_device, rx = np.divmod(np.array(numbers) - 1, RX_OF_DEVICE)
     for device, file in enumerate(files):
-        wanted = [
-            (place, (n - 1) % RX_OF_DEVICE) for place, n in enumerate(numbers) if (n - 1) // RX_OF_DEVICE == device
-        ]
-        if not wanted:
-            continue
-        parts = read_numbers(file, sizes, chosen).reshape(*shape, RX_OF_DEVICE, 2)
-        for place, rx in wanted:
-            samples[..., place].real, samples[..., place].imag = parts[..., rx, 0], parts[..., rx, 1]
-    return as_cube(ordered(samples, reading.order), ("frame", "chirp", "tx", "sample", "rx"))
+        here = of_device == device
+        if here.any():
+            of_file = read_numbers(file, sizes, chosen).reshape(*shape, RX_OF_DEVICE, 2)
+            recorded[..., here, :] = of_file[..., rx[here], :]
+    return as_cube(recorded, ("frame", "chirp", "tx", "sample", "rx", "iq"), reading.order)
 
 
 def _frames_of(file: Path, sizes: Sizes) -> int:

@@ -37,10 +37,12 @@ from shared.signal.signal import if_signal_of_delays, round_trip_delays
 from shared.signal.windows import hann
 from trainer.captures.calibration import Calibration, Reflector, write_calibration
 from trainer.captures.importing import RawCapture, read_capture
-from trainer.captures.samples import DEAD_DB, Reading
+from trainer.captures.samples import Reading, without_echo
 
 SEARCH_BINS = 3.0
 """A reflector stands that near to its stated range: tapes err by centimetres, boards add some of their own."""
+SEARCHED = np.arange(-SEARCH_BINS, SEARCH_BINS + 0.05, 0.1)
+"""The range bins, from the stated one, at which it is looked for first."""
 CLEAR_DB = 15.0
 """A reflector stands that much above the median of the range profile."""
 DELAY_BINS, FINE_BINS = 0.6, 0.02
@@ -180,8 +182,7 @@ def _dead(captures: Sequence[RawCapture], factors: Sequence[NDArray[np.complex12
     """Channels that had no echo in a capture, of the reflector or at all."""
     dead = {channel for capture in captures for channel in capture.dead}
     for factor in factors:
-        level = amplitude_to_db(factor)
-        dead |= set(np.flatnonzero(level < np.median(level) - DEAD_DB).tolist())
+        dead |= set(np.flatnonzero(without_echo(amplitude_to_db(factor))).tolist())
     return np.array(sorted(dead), dtype=np.intp)
 
 
@@ -212,16 +213,15 @@ def _window(samples: int) -> NDArray[np.float64]:
 def _response(capture: RawCapture, place: Place) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
     """([C] F_c of the channels at its best nu, [C] those nu in range bins)."""
     chirp = _demodulated(capture, place)
-    coarse = np.arange(-SEARCH_BINS, SEARCH_BINS + 0.05, 0.1)
-    power = np.mean(np.abs(_spectrum(chirp, coarse)) ** 2, axis=1)
+    power = np.mean(np.abs(_spectrum(chirp, SEARCHED)) ** 2, axis=1)
     peak = int(power.argmax())
     profile = np.mean(np.abs(np.fft.fft(_window(len(chirp))[:, None] * chirp, axis=0)) ** 2, axis=1)
     level = float(power_to_db(power[peak] / max(float(np.median(profile)), np.finfo(np.float64).tiny)))
     step = capture.radar.waveform.range_step_m
-    if peak in (0, len(coarse) - 1) or level < CLEAR_DB:
+    if peak in (0, len(SEARCHED) - 1) or level < CLEAR_DB:
         problem = f"no reflector within {SEARCH_BINS * step:.2g} m of {place.range_m:g} m ({level:.0f} dB there)"
         raise InputError(place.source, problem, f"one {CLEAR_DB:g} dB above the median of the range profile")
-    fine = coarse[peak] + np.arange(-DELAY_BINS, DELAY_BINS + 0.5 * FINE_BINS, FINE_BINS)
+    fine = SEARCHED[peak] + np.arange(-DELAY_BINS, DELAY_BINS + 0.5 * FINE_BINS, FINE_BINS)
     values = np.abs(_spectrum(chirp, fine)) ** 2
     at = np.clip(values.argmax(axis=0), 1, len(fine) - 2)
     channels = np.arange(chirp.shape[1])
@@ -241,8 +241,7 @@ def residual(capture: RawCapture, place: Place, calibration: Calibration) -> Lef
     dead = sorted({*capture.dead, *calibration.dead_channels})
     alive = np.setdiff1d(np.arange(capture.radar.array.channels), dead)
     chirp = _demodulated(calibrated, place)[:, alive]
-    coarse = np.arange(-SEARCH_BINS, SEARCH_BINS + 0.05, 0.1)
-    at = coarse[np.mean(np.abs(_spectrum(chirp, coarse)) ** 2, axis=1).argmax()]
+    at = SEARCHED[np.mean(np.abs(_spectrum(chirp, SEARCHED)) ** 2, axis=1).argmax()]
     factor = _spectrum(chirp, np.array([at]))[0]
     middle = capture.radar.waveform.mid_sweep_hz
     stated = _delays(capture.radar, place.position)[alive, 0]

@@ -22,7 +22,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import BaseModel, Field, FiniteFloat, model_validator
 
 from shared.dataset.documents import sealed, unsealed
 from shared.dataset.writing import write_text
@@ -34,14 +34,12 @@ from trainer.captures.cube_file import Sha256
 SAME_PLACE_M = 1e-6
 
 
-class Reflector(BaseModel):
+class Reflector(BaseModel, frozen=True, extra="forbid"):
     """A capture of a reflector whose place is known.
 
     :param range_m: from the radar's origin
     :param angle_deg: azimuth, positive to the left
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     source: str
     source_sha256: Sha256
@@ -49,7 +47,7 @@ class Reflector(BaseModel):
     angle_deg: Annotated[FiniteFloat, Field(ge=-90, le=90)]
 
 
-class Calibration(BaseModel):
+class Calibration(BaseModel, frozen=True, extra="forbid"):
     """What the channels of a board do to an echo.
 
     :param board: name, see :mod:`shared.radar.boards`
@@ -64,8 +62,6 @@ class Calibration(BaseModel):
         was tried
     :param captures: that it comes from
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     board: str
     array: AntennaArray

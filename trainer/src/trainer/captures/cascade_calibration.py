@@ -34,7 +34,7 @@ from shared.radar.arrays import Position
 from shared.radar.boards import mirrored, mmwcas
 from trainer.captures.calibration import SAME_PLACE_M, Calibration
 from trainer.captures.reading import read_arrays
-from trainer.captures.samples import DEAD_DB
+from trainer.captures.samples import without_echo
 
 SPECTRA, PEAKS, BINS = "calibResult/Rx_fft", "calibResult/PeakValMat", "calibResult/RangeMat"
 SLOPE, SAMPLE_RATE = "params/Slope_MHzperus", "params/Sampling_Rate_sps"
@@ -82,7 +82,7 @@ class CascadeCalibration:
         # The peak's phase is that of sample 0, a calibration's that of the middle of the sweep.
         phase = np.rad2deg(np.angle(relative) + np.pi * waveform.bandwidth_hz * delay)
         level = amplitude_to_db(np.abs(self.peaks))
-        dead = (level < np.median(level) - DEAD_DB)[np.ix_(tx, rx)].T.reshape(-1)
+        dead = without_echo(level)[np.ix_(tx, rx)].T.reshape(-1)
         delays, phases = (np.where(dead, 0.0, each[np.ix_(tx, rx)].T.reshape(-1)) for each in (delay, phase))
         fields = {
             "board": board, "array": radar.array, "carrier_hz": waveform.carrier_hz,
@@ -164,7 +164,7 @@ def read_cascade_calibration(path: Path, arrays: Mapping[str, NDArray[Any]] | No
         if not found[name].any():
             raise InputError(path, f"{name} is 0 throughout", "the echo of a reflector")
     level = amplitude_to_db(np.abs(found[PEAKS]))
-    if level[REFERENCE] < np.median(level) - DEAD_DB:
+    if without_echo(level)[REFERENCE]:
         problem = f"{PEAKS} of the reference, TX{REFERENCE[0] + 1} and RX{REFERENCE[1] + 1}, has no echo"
         raise InputError(path, problem, "a calibration of a board whose TX12 and RX1 work")
     bins = found[BINS].real.astype(np.float64)

@@ -1,14 +1,9 @@
-"""Cubes in files: what ``trainer import`` writes, and what ``predict`` and ``evaluate`` read.
+"""Cubes in files: what ``trainer import`` writes, and what ``predict`` and ``evaluate`` read (docs/captures.md).
 
-A ``.npz`` holds three arrays:
-
-- ``cube``: complex64 [chirp, sample, C] or [frame, chirp, sample, C]; C rx-major, channel = TX count * rx + tx;
-- ``radar``: the fields of a radar's TOML file as JSON text;
-- ``capture``: a :class:`Capture` as JSON text, sealed (:mod:`shared.dataset.documents`). A cube that was simulated, or
-  written by hand, has none.
-
-The samples follow eq. (1) of the paper, exp(+j 2 pi (mu t tau + f_c tau)): a target on the left has u > 0, a receding
-one a positive velocity (:mod:`shared.signal.signal`). A ``.npy`` holds the cube alone; its radar is named beside it.
+The channels of a ``.npz``'s cube are rx-major, channel = TX count * rx + tx; its :class:`Capture` is sealed
+(:mod:`shared.dataset.documents`), and there is none where the cube was simulated or written by hand. The samples follow
+eq. (1) of the paper, exp(+j 2 pi (mu t tau + f_c tau)): a target on the left has u > 0, a receding one a positive
+velocity (:mod:`shared.signal.signal`). A ``.npy`` holds the cube alone; its radar is named beside it.
 """
 
 from __future__ import annotations
@@ -20,7 +15,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import BaseModel, Field, FiniteFloat
 
 from shared.dataset.documents import sealed, unsealed
 from shared.dataset.writing import atomic
@@ -33,10 +28,11 @@ LARGEST_SAMPLE = 1e12
 SHA256 = r"^[0-9a-f]{64}$"
 
 Sha256 = Annotated[str, Field(pattern=SHA256)]
+Scale = Literal["sqrt(W)", "relative"]
 Channel = Annotated[int, Field(ge=0)]
 
 
-class Capture(BaseModel):
+class Capture(BaseModel, frozen=True, extra="forbid"):
     """Where an imported cube comes from, and what its numbers mean.
 
     :param source: name of the file that was imported
@@ -51,13 +47,11 @@ class Capture(BaseModel):
     :param dead_channels: channels without an echo, which nothing should be concluded from
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
     source: str
     source_sha256: Sha256
     board: str
     frames: Annotated[int, Field(ge=1)]
-    scale: Literal["sqrt(W)", "relative"]
+    scale: Scale
     noise_power: Annotated[FiniteFloat, Field(ge=0)]
     calibration: Sha256 | None = None
     model_error_db: FiniteFloat | None = None

@@ -20,16 +20,16 @@ from trainer.captures.array_files import read_array_capture
 from trainer.captures.binary_files import DEVICES, LANES, Lanes, cascade_files, read_cascade, read_dca1000
 from trainer.captures.calibration import Calibration, read_calibration
 from trainer.captures.cascade_calibration import is_cascade_calibration, read_cascade_calibration
-from trainer.captures.cube_file import Capture, write_cube
+from trainer.captures.cube_file import Capture, Scale, write_cube
 from trainer.captures.reading import SUFFIXES, read_arrays
 from trainer.captures.samples import (
-    DEAD_DB,
     FULL_SCALE,
     OTHER_SIDE_DB,
     Reading,
     chosen_frames,
     flatness_db,
     other_side_db,
+    without_echo,
 )
 
 OTHER_LANES_DB = 3.0
@@ -45,7 +45,7 @@ class RawCapture:
 
     :param cube: [frame, chirp, sample, C] complex64 [sqrt(W)], or counts
     :param sha256: of the files
-    :param scale: unit of the cube, see :class:`trainer.captures.cube_file.Capture`
+    :param scale: unit of the cube
     :param dead: channels without an echo
     :param notes: what a user should know, a line each
     """
@@ -53,7 +53,7 @@ class RawCapture:
     cube: NDArray[np.complex64]
     radar: Radar
     sha256: str
-    scale: str
+    scale: Scale
     dead: tuple[int, ...]
     notes: tuple[str, ...]
 
@@ -76,8 +76,7 @@ def import_capture(
         cube, dead = found.applied(cube, raw.radar), tuple(sorted({*dead, *found.dead_channels}))
     capture = Capture(
         source=source.name, source_sha256=raw.sha256, board=reading.board, frames=len(cube),
-        scale="sqrt(W)" if raw.scale == "sqrt(W)" else "relative",
-        noise_power=measured_noise(cube, raw.radar, dead),
+        scale=raw.scale, noise_power=measured_noise(cube, raw.radar, dead),
         calibration=None if calibration is None else sha256_of(calibration),
         model_error_db=None if found is None else found.model_error_db, dead_channels=dead,
     )  # fmt: skip
@@ -131,7 +130,7 @@ def read_capture(source: Path, reading: Reading) -> RawCapture:
     converter = radar.front_end.converter
     if converter is not None:
         cube *= np.float32(np.sqrt(dbm_to_watt(converter.full_scale_dbm)) / FULL_SCALE)
-    scale = "relative" if converter is None else "sqrt(W)"
+    scale: Scale = "relative" if converter is None else "sqrt(W)"
     return RawCapture(cube, radar, digest, scale, dead_channels(cube), tuple(notes))
 
 
@@ -174,12 +173,11 @@ def _of_binary(source: Path, reading: Reading, of_board: CaptureRadar) -> tuple[
 
 
 def dead_channels(cube: NDArray[np.complex64]) -> tuple[int, ...]:
-    """Channels of [frame, chirp, sample, C] whose samples, without their mean, have :data:`DEAD_DB` less power than the
-    median channel's."""
+    """Channels of [frame, chirp, sample, C] whose samples, without their mean, hold no echo."""
     first = cube[0].astype(np.complex128)  # single precision squares no more than 1e19
     first -= first.mean(axis=1, keepdims=True)
     level = power_to_db(np.mean(np.abs(first) ** 2, axis=(0, 1)))
-    return tuple(int(channel) for channel in np.flatnonzero(level < np.median(level) - DEAD_DB))
+    return tuple(np.flatnonzero(without_echo(level)).tolist())
 
 
 def measured_noise(cube: NDArray[np.complex64], radar: Radar, dead: tuple[int, ...] = ()) -> float:

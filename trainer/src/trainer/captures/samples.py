@@ -22,7 +22,7 @@ Order = Literal["iq", "qi"]
 LARGEST_CUBE = 3 * LARGEST_ARRAY
 """Bytes of all frames together: what a .npz is read up to."""
 DEAD_DB = 25.0
-"""A channel whose samples have that much less power than the median channel's has no echo: gains differ by a few dB."""
+"""A channel that much weaker than the median channel has no echo: gains differ by a few dB."""
 FULL_SCALE = 2**15
 """Of 16-bit samples, in counts."""
 NEAR_BINS, OTHER_SIDE_DB = 4, 10.0
@@ -146,27 +146,29 @@ def read_numbers(path: Path, sizes: Sizes, frames: range) -> NDArray[np.int16]:
     return numbers.reshape(len(frames), sizes.numbers)
 
 
-def ordered(samples: NDArray[np.complex64], order: Order) -> NDArray[np.complex64]:
-    """I + j Q of samples whose first part is I ("iq") or Q ("qi")."""
-    return samples if order == "iq" else (1j * samples.conj()).astype(np.complex64)
+def as_cube(numbers: NDArray[Any], axes: Sequence[str], order: Order) -> NDArray[np.complex64]:
+    """[frame, chirp, sample, C] of real numbers with the axes "frame", "chirp", "tx", "rx", "sample" and "iq".
 
-
-def one_sided(samples: NDArray[np.number]) -> NDArray[np.complex64]:
-    """Twice the real samples, so that A cos(phase) has A exp(j phase) in the positive half of its range spectrum.
-
-    The other half is its mirror image, which the range bins of a radar of real samples leave out.
-    After the Hann window of range the image leaks next to nothing into the half that is used: -58 dB of the strongest
-    echo in a chirp of 32 samples, less in a longer one. The analytic signal by Hilbert's transform does without the
-    image, but has no window where it cuts at 0 and the Nyquist frequency: it errs by -30 dB there, in bins 0, 1 and 15.
+    The last is of length 2, or of length 1 where the samples are real. Twice a real sample A cos(phase) has
+    A exp(j phase) in the positive half of its range spectrum; the other half is its mirror image, which the range bins
+    of a radar of real samples leave out. After the Hann window of range the image leaks next to nothing into the half
+    that is used: -58 dB of the strongest echo in a chirp of 32 samples, less in a longer one. The analytic signal by
+    Hilbert's transform does without the image, but has no window where it cuts at 0 and the Nyquist frequency: it errs
+    by -30 dB there, in bins 0, 1 and 15.
     """
-    return (2.0 * samples.astype(np.float32)).astype(np.complex64)
+    wanted = ("iq", "frame", "chirp", "sample", "rx", "tx")
+    parts = numbers.transpose([list(axes).index(axis) for axis in wanted])
+    if len(parts) == 1:
+        samples = (2.0 * parts[0].astype(np.float32)).astype(np.complex64)
+    else:
+        samples = np.empty(parts.shape[1:], np.complex64)
+        samples.real, samples.imag = parts if order == "iq" else parts[::-1]
+    return np.ascontiguousarray(samples.reshape(*samples.shape[:3], -1))
 
 
-def as_cube(samples: NDArray[np.complex64], axes: Sequence[str]) -> NDArray[np.complex64]:
-    """[frame, chirp, sample, C] of samples whose axes are named "frame", "chirp", "tx", "rx" and "sample"."""
-    wanted = ("frame", "chirp", "sample", "rx", "tx")
-    turned = samples.transpose([list(axes).index(axis) for axis in wanted])
-    return np.ascontiguousarray(turned.reshape(*turned.shape[:3], -1))
+def without_echo(level_db: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Which of these channels are :data:`DEAD_DB` below the median one."""
+    return np.asarray(level_db < np.median(level_db) - DEAD_DB)
 
 
 def flatness_db(cube: NDArray[np.complex64]) -> float:

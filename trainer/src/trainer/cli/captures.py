@@ -11,26 +11,22 @@ from shared.physics.errors import InputError
 
 Board = Annotated[str, typer.Option(help="iwr1443, iwr1642, iwr1843, awr2944, mmwcas or mmwcas-azimuth.")]
 RadarFile = Annotated[
-    str | None,
-    typer.Option("--radar", help="The capture's chirps: a radar file with a table 'capture', or a .cfg of the SDK."),
+    str | None, typer.Option(help="The capture's chirps: a radar file with a table 'capture', or a .cfg of the SDK.")
 ]
 Axes = Annotated[str | None, typer.Option(help="Of an array, e.g. 'chirp (tx rx) sample'; guessed by its lengths.")]
 Variable = Annotated[str | None, typer.Option(help="Of several arrays in a file: its name.")]
 Layout = Annotated[str | None, typer.Option(help="Of a .bin: 2-lane, 4-lane or cascade; the board's by default.")]
-SampleOrder = Annotated[str, typer.Option("--order", help="iq, or qi where Q comes first.")]
+SampleOrder = Annotated[str, typer.Option(help="iq, or qi where Q comes first.")]
 Frames = Annotated[str | None, typer.Option(help="BEGIN:END, from the first to before the second; all by default.")]
 Mirror = Annotated[bool, typer.Option("--mirror", help="Exchange left and right of the board.")]
 
 
 def import_(
     capture: Annotated[
-        Path,
-        typer.Argument(
-            help="A .bin of a DCA1000, the folder of a cascade, .npy, .npz, .mat or HDF5.", show_default=False
-        ),
+        Path, typer.Argument(help="A .bin of a DCA1000, the folder of a cascade, .npy, .npz, .mat or HDF5.")
     ],
     board: Board,
-    out: Annotated[Path, typer.Option("--out", help="The cube, a .npz.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="The cube, a .npz.")],
     radar: RadarFile = None,
     calibration: Annotated[
         Path | None, typer.Option(help="Of trainer calibrate, or the cascade's calibrateResults.mat.")
@@ -51,17 +47,11 @@ def import_(
 
 
 def calibrate(
-    captures: Annotated[
-        list[Path], typer.Argument(help="Captures of a reflector, or a calibrateResults.mat.", show_default=False)
-    ],
+    captures: Annotated[list[Path], typer.Argument(help="Captures of a reflector, or a calibrateResults.mat.")],
     board: Board,
-    ranges: Annotated[
-        list[float], typer.Option("--range", help="Of the reflector [m]; once for each capture.", show_default=False)
-    ],
-    angles: Annotated[
-        list[float], typer.Option("--angle", help="Its azimuth [deg], positive to the left.", show_default=False)
-    ],
-    out: Annotated[Path, typer.Option("--out", help="The calibration, a .toml.", show_default=False)],
+    ranges: Annotated[list[float], typer.Option("--range", help="Of the reflector [m]; once for each capture.")],
+    angles: Annotated[list[float], typer.Option("--angle", help="Its azimuth [deg], positive to the left.")],
+    out: Annotated[Path, typer.Option(help="The calibration, a .toml.")],
     check: Annotated[Path | None, typer.Option(help="Another capture: what the calibration leaves of it.")] = None,
     check_range: Annotated[float | None, typer.Option(help="Of its reflector [m].")] = None,
     check_angle: Annotated[float | None, typer.Option(help="Of its reflector [deg].")] = None,

@@ -13,12 +13,11 @@ from shared.processes.defaults import LARGEST_SEED
 
 
 def evaluate(
-    out: Annotated[Path, typer.Option("--out", help="Folder of the evaluation; new or empty.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Folder of the evaluation; new or empty.")],
     dataset: Annotated[
         str | None,
         typer.Argument(
-            help="Folder of a dataset with a test split, also s3://, hf:// or https://; none for --measured alone.",
-            show_default=False,
+            help="Folder of a dataset with a test split, also s3://, hf:// or https://; none for --measured alone."
         ),
     ] = None,
     run: Annotated[list[Path] | None, typer.Option("--run", help="Run folder of trainer fit; repeatable.")] = None,
@@ -51,17 +50,15 @@ def evaluate(
         typer.Option(help="A measured snapshot of a half-wavelength line, .mat or .npy, or a cube of trainer import."),
     ] = None,
     targets: Annotated[
-        int | None, typer.Option(help="Targets in the measured row, where their number is known.", show_default=False)
+        int | None, typer.Option(help="Targets in the measured row, where their number is known.")
     ] = None,
     range_m: Annotated[
-        float | None,
-        typer.Option("--range", help="Of the row of a measured cube [m]; the strongest one.", show_default=False),
+        float | None, typer.Option("--range", help="Of the row of a measured cube [m]; the strongest one.")
     ] = None,
     model_error: Annotated[
         float | None,
         typer.Option(
-            help="Of the measured channels after calibration [dB of the row's power]; the cube's own, or -25.",
-            show_default=False,
+            help="Of the measured channels after calibration [dB of the row's power]; the cube's own, or -25."
         ),
     ] = None,
     workers: Annotated[

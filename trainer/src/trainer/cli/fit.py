@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from typer.models import OptionInfo
 
 from shared.processes.defaults import LARGEST_SEED
 
@@ -15,62 +16,40 @@ NO_START = "none"
 """In place of a run to begin with. A run folder of this name is ./none."""
 
 
+def _by_recipe(meaning: str) -> OptionInfo:
+    """An option of a field that recipe and device state where the user does not."""
+    return typer.Option(help=meaning, show_default=BY_RECIPE)
+
+
 def fit(
     datasets: Annotated[
-        list[str],
-        typer.Argument(
-            help="Folders of datasets of one radar; also s3://, gs://, hf:// and https://.", show_default=False
-        ),
+        list[str], typer.Argument(help="Folders of datasets of one radar; also s3://, gs://, hf:// and https://.")
     ],
-    out: Annotated[Path, typer.Option("--out", help="Run folder; new or empty.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Run folder; new or empty.")],
     array: Annotated[str, typer.Option(help="full, sparse6, sparse4 or a TOML file with rx = [...].")] = "sparse6",
     recipe: Annotated[
         str, typer.Option(help="recommended, paper (its network, features, target), or doa.")
     ] = "recommended",
     config: Annotated[
-        Path | None,
-        typer.Option(
-            help="TOML file of a run's fields, e.g. steps = 600; options count before it.", show_default=False
-        ),
+        Path | None, typer.Option(help="TOML file of a run's fields, e.g. steps = 600; options count before it.")
     ] = None,
-    model: Annotated[
-        str | None, typer.Option(help="unrolled, spectral-unet, attention-unet or doa-cnn.", show_default=BY_RECIPE)
-    ] = None,
-    features: Annotated[
-        str | None, typer.Option(help="snapshots, adaptive, paper or covariance.", show_default=BY_RECIPE)
-    ] = None,
-    target: Annotated[str | None, typer.Option(help="row, paper, class or doa.", show_default=BY_RECIPE)] = None,
-    width: Annotated[
-        int | None, typer.Option(help="Channels of the network's first level.", show_default=BY_RECIPE)
-    ] = None,
-    hidden: Annotated[
-        int | None, typer.Option(help="Units of the spectral network's angular mixing.", show_default=BY_RECIPE)
-    ] = None,
-    steps: Annotated[int | None, typer.Option(help="Optimiser steps.", show_default=BY_RECIPE)] = None,
-    batch: Annotated[int | None, typer.Option(help="Frames of one forward pass.", show_default=BY_RECIPE)] = None,
-    accumulate: Annotated[
-        int | None, typer.Option(help="Batches of one optimiser step.", show_default=BY_RECIPE)
-    ] = None,
-    points: Annotated[
-        int | None, typer.Option(help="Crops of online point targets beside each frame.", show_default=BY_RECIPE)
-    ] = None,
+    model: Annotated[str | None, _by_recipe("unrolled, spectral-unet, attention-unet or doa-cnn.")] = None,
+    features: Annotated[str | None, _by_recipe("snapshots, adaptive, paper or covariance.")] = None,
+    target: Annotated[str | None, _by_recipe("row, paper, class or doa.")] = None,
+    width: Annotated[int | None, _by_recipe("Channels of the network's first level.")] = None,
+    hidden: Annotated[int | None, _by_recipe("Units of the spectral network's angular mixing.")] = None,
+    steps: Annotated[int | None, _by_recipe("Optimiser steps.")] = None,
+    batch: Annotated[int | None, _by_recipe("Frames of one forward pass.")] = None,
+    accumulate: Annotated[int | None, _by_recipe("Batches of one optimiser step.")] = None,
+    points: Annotated[int | None, _by_recipe("Crops of online point targets beside each frame.")] = None,
     imperfections: Annotated[
-        str | None,
-        typer.Option(
-            help="Of the boards that see the training data: none, calibrated or uncalibrated.", show_default=BY_RECIPE
-        ),
+        str | None, _by_recipe("Of the boards that see the training data: none, calibrated or uncalibrated.")
     ] = None,
-    rows: Annotated[
-        int | None, typer.Option(help="Range bins of a training crop; 0: whole images.", show_default=BY_RECIPE)
-    ] = None,
-    learning_rate: Annotated[float | None, typer.Option(help="Peak learning rate.", show_default=BY_RECIPE)] = None,
-    precision: Annotated[str | None, typer.Option(help="32 or bf16.", show_default=BY_RECIPE)] = None,
-    validate_every: Annotated[
-        int | None, typer.Option(help="Steps from one validation to the next.", show_default=BY_RECIPE)
-    ] = None,
-    patience: Annotated[
-        int | None, typer.Option(help="Validations without gain before stopping; 0: never.", show_default=BY_RECIPE)
-    ] = None,
+    rows: Annotated[int | None, _by_recipe("Range bins of a training crop; 0: whole images.")] = None,
+    learning_rate: Annotated[float | None, _by_recipe("Peak learning rate.")] = None,
+    precision: Annotated[str | None, _by_recipe("32 or bf16.")] = None,
+    validate_every: Annotated[int | None, _by_recipe("Steps from one validation to the next.")] = None,
+    patience: Annotated[int | None, _by_recipe("Validations without gain before stopping; 0: never.")] = None,
     frames: Annotated[
         int | None,
         typer.Option(help="Train and validate with the first N frames of each dataset; 0: all.", show_default="0"),

@@ -19,10 +19,9 @@ def predict(
             metavar="[RUN] INPUT",
             help="Run folder of trainer fit, unless --pretrained or --method; then a dataset, also s3://, hf:// "
             "or https://, or a cube as .npy or .npz.",
-            show_default=False,
         ),
     ],
-    out: Annotated[Path, typer.Option("--out", help="Folder of the images; new or empty.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Folder of the images; new or empty.")],
     pretrained: Annotated[
         str | None, typer.Option(help="A network that comes with the package, in place of RUN: sparse6 or sparse4.")
     ] = None,
@@ -44,8 +43,7 @@ def predict(
     ] = "parquet",
     false_alarms: Annotated[float, typer.Option(help="Of the list: expected lines of a frame of noise alone.")] = 1.0,
     cells: Annotated[
-        str,
-        typer.Option(help="Of the list: peaks, three of a range bin; all, of a cube, what passes OS-CFAR."),
+        str, typer.Option(help="Of the list: peaks, three of a range bin; all, of a cube, what passes OS-CFAR.")
     ] = "peaks",
     animation: Annotated[
         bool,
@@ -94,8 +92,8 @@ def _velocity(text: str) -> tuple[float, float]:
 
 
 def export(
-    run: Annotated[Path, typer.Argument(help="Run folder of trainer fit.", show_default=False)],
-    out: Annotated[Path, typer.Option("--out", help="File to write, ending in .onnx.", show_default=False)],
+    run: Annotated[Path, typer.Argument(help="Run folder of trainer fit.")],
+    out: Annotated[Path, typer.Option(help="File to write, ending in .onnx.")],
 ) -> None:
     """Write a run's network as ONNX, checked against torch."""
     try:

@@ -7,21 +7,19 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, Field, field_validator
 
 from shared.physics.errors import InputError
 from shared.radar import Radar, read_toml, validated
 from shared.radar.arrays import AVR_QDM_110_THINNED_RX
 
 
-class ArrayChoice(BaseModel):
+class ArrayChoice(BaseModel, frozen=True, extra="forbid"):
     """A subset of a radar's RX elements, each with all TX.
 
     :param name: "full", "sparse6", "sparse4" or the TOML file's name
     :param rx: indices of the RX elements kept, rising
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
     rx: Annotated[tuple[Annotated[int, Field(ge=0, strict=True)], ...], Field(min_length=1)]

@@ -95,14 +95,12 @@ def cfar_probability(factor: float, channels: int, cells: int, rank: int) -> flo
     return float(likely @ gammaincc(channels, factor * level))
 
 
-def cfar_thresholds(
-    shape: tuple[int, int], channels: int, false_alarm: float = CELL_FALSE_ALARM
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def cfar_thresholds(shape: tuple[int, int], channels: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(alpha X_(k) [n], probabilities [n]) that cells of noise of ``shape`` [R, chirps] are compared with."""
     cells = len(_lags(shape))
     rank = _rank(cells)
     level, likely = _levels(channels, cells, rank, FEW_POINTS)
-    return cfar_factor(channels, cells, rank, false_alarm) * level, likely
+    return cfar_factor(channels, cells, rank, CELL_FALSE_ALARM) * level, likely
 
 
 def _levels(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,18 @@ class Cells:
     centre: NDArray[np.bool_] | None = None
     beside: NDArray[np.complex64] | None = None
 
+    @property
+    def new(self) -> NDArray[np.bool_]:
+        """[D, R] which do not repeat an earlier one of their range bin."""
+        velocity = self.velocity
+        new = [(velocity[:d] != velocity[d]).all(axis=0) for d in range(len(velocity))]
+        return np.array(new, dtype=bool).reshape(velocity.shape)
+
+    def seen_by(self, channels: NDArray[np.intp]) -> Cells:
+        """The same in these channels."""
+        beside = None if self.beside is None else self.beside[..., channels]
+        return replace(self, range_channel=self.range_channel[..., channels], beside=beside)
+
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
@@ -51,39 +63,24 @@ class Measurement:
 
     :param name: of its files
     :param frame_id: index in its dataset or cube
-    :param range_channel: [D, R, C] complex64 at the D strongest Doppler peaks of every range bin [sqrt(W)]
-    :param velocity: [D, R] of those peaks [m/s]
+    :param cells: the strongest Doppler peaks of every range bin, or what passes the test
     :param noise_power: of one channel and cell [W]
     :param truth: [R, U] relative to its peak, if known
     :param model_error_db: power of a row that no plane wave explains, of the row's [dB]; -inf of simulated data
     :param motion: of the sensor, if known
-    :param centre, beside: as of :class:`Cells`
     """
 
     name: str
     frame_id: int
-    range_channel: NDArray[np.complex64]
-    velocity: NDArray[np.float32]
+    cells: Cells
     noise_power: float
     truth: NDArray[np.float32] | None
     model_error_db: float = NO_MODEL_ERROR_DB
     motion: EgoMotion | None = None
-    centre: NDArray[np.bool_] | None = None
-    beside: NDArray[np.complex64] | None = None
-
-    @property
-    def measured(self) -> bool:
-        """Whether its noise is that of hardware, see :func:`shared.signal.model_error.row_noise`."""
-        return self.model_error_db > NO_MODEL_ERROR_DB
-
-    def seen_by(self, channels: NDArray[np.intp]) -> Cells:
-        """Its cells in these channels."""
-        beside = None if self.beside is None else self.beside[..., channels]
-        return Cells(self.range_channel[..., channels], self.velocity, self.centre, beside)
 
 
 @dataclass(frozen=True, eq=False)
-class Measurements(Iterator[Measurement]):
+class Measurements:
     """The frames of one source, to be gone through once.
 
     :param dataset: of a dataset, whose truth is on its grid; of a cube otherwise
@@ -94,11 +91,8 @@ class Measurements(Iterator[Measurement]):
     dataset: bool
     dead_channels: tuple[int, ...] = ()
 
-    def __iter__(self) -> Measurements:
-        return self
-
-    def __next__(self) -> Measurement:
-        return next(self.frames)
+    def __iter__(self) -> Iterator[Measurement]:
+        return self.frames
 
 
 def open_measurements(
@@ -147,10 +141,8 @@ def _of_frame(frame: Frame, radar: Radar, cells: str) -> Measurement:
     if cells == ALL:
         assert frame.cube is not None
         seen = _cells(frame.cube, radar, frame.noise_power, cells)
-    return Measurement(
-        f"frame-{frame.frame_id:06d}", frame.frame_id, seen.range_channel, seen.velocity, frame.noise_power,
-        np.array(frame.image), motion=motion, centre=seen.centre, beside=seen.beside,
-    )  # fmt: skip
+    name, truth = f"frame-{frame.frame_id:06d}", np.array(frame.image)
+    return Measurement(name, frame.frame_id, seen, frame.noise_power, truth, motion=motion)
 
 
 def _cells(cube: NDArray[np.complex64], radar: Radar, noise_power: float, cells: str) -> Cells:
@@ -183,6 +175,4 @@ def of_cube(
     seen = _cells(found.cube[frame], radar, noise_power, cells)
     name = name if len(found.cube) == 1 else f"{name}-{frame:06d}"
     frame_id = frame if number is None else number
-    return Measurement(
-        name, frame_id, seen.range_channel, seen.velocity, noise_power, None, error_db, motion, seen.centre, seen.beside
-    )
+    return Measurement(name, frame_id, seen, noise_power, None, error_db, motion)

@@ -1,12 +1,4 @@
-"""The sensor's own velocity: told beside a cube, or estimated from what a frame shows.
-
-Beside ``NAME.npz`` or ``NAME.npy`` may lie ``NAME.motion.json``:
-
-    {"velocity": [8.3, 0.0], "mounting_yaw_deg": 30}
-
-``velocity`` is the vehicle's at the radar, forward and to the left [m/s], one for all frames or a list of one for each;
-``mounting_yaw_deg`` by how much the radar is turned to the left on it, 0 where it is left out.
-"""
+"""The sensor's own velocity: told beside a cube (docs/points.md), or estimated from what a frame shows."""
 
 from __future__ import annotations
 
@@ -18,7 +10,7 @@ from typing import Annotated, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
 from shared.physics.errors import InputError
 from shared.radar import Radar, first_validation_error
@@ -35,10 +27,12 @@ MOST_DETECTIONS = 400
 Velocity = tuple[FiniteFloat, FiniteFloat]
 
 
-class MotionFile(BaseModel):
-    """See the module."""
+class MotionFile(BaseModel, frozen=True, extra="forbid"):
+    """``NAME.motion.json`` beside ``NAME.npz`` or ``NAME.npy``.
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    :param velocity: of the vehicle at the radar, forward and to the left [m/s]: of all frames, or of each
+    :param mounting_yaw_deg: by how much the radar is turned to the left on it
+    """
 
     velocity: Velocity | Annotated[tuple[Velocity, ...], Field(min_length=1)]
     mounting_yaw_deg: Annotated[FiniteFloat, Field(ge=-360, le=360)] = 0.0

@@ -17,7 +17,7 @@ from torch.utils.data import Sampler
 from shared.dataset import COMPLEX_ARRAYS, LATER
 from shared.dataset.folder import Dataset, open_dataset
 from shared.dataset.locations import Location
-from shared.dataset.reading import open_shard
+from shared.dataset.reading import open_shard, read_row
 from shared.physics.errors import InputError
 
 
@@ -30,7 +30,7 @@ class BatchOrder(Sampler[list[int]]):
     :param sizes: frames of each dataset
     :param weights: share of each dataset, any positive numbers; by default in proportion to the sizes
     :param batch: frames of a batch on all processes together
-    :param seed: of the order
+    :param seed: of the order; None for that in which the frames lie
     :param batches: batches of the whole run
     :param first: batches to leave out, those that an earlier run has seen
     :param rank, world: the process and how many there are: each gets its part of every batch
@@ -41,7 +41,7 @@ class BatchOrder(Sampler[list[int]]):
         sizes: Sequence[int],
         weights: Sequence[float] | None,
         batch: int,
-        seed: int,
+        seed: int | None,
         batches: int,
         first: int = 0,
         rank: int = 0,
@@ -70,8 +70,10 @@ class BatchOrder(Sampler[list[int]]):
 
     def _epoch(self, epoch: int) -> NDArray[np.int64]:
         """[frames] order of one epoch."""
-        generator = np.random.default_rng([self.seed, epoch])
         frames = sum(self.sizes)
+        if self.seed is None:
+            return np.arange(frames)
+        generator = np.random.default_rng([self.seed, epoch])
         edges = np.round(np.cumsum(self.shares) / self.shares.sum() * frames).astype(int)
         counts = np.diff(edges, prepend=0)
         starts = np.cumsum((0, *self.sizes[:-1]))
@@ -177,11 +179,7 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
 
     def _read(self, index: int) -> pa.RecordBatch:
         path, row = self._rows[index]
-        try:
-            batch = _read_row(self._shard(path), row, [*SCALARS, *self.facts, *self.columns])
-        except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-            raise InputError(path, f"damaged: {error}", "a shard as it was written") from error
-        return batch
+        return read_row(path, self._shard(path), row, [*SCALARS, *self.facts, *self.columns])
 
     def _shard(self, path: Location) -> pq.ParquetFile:
         if path not in self._open:
@@ -202,13 +200,3 @@ def _first_rows(dataset: Dataset, split: str, first: int) -> tuple[tuple[Locatio
     if rows := tuple(row for row, frame in frames if frame.frame_id < first):
         return rows
     raise InputError(dataset.path, f"no frame of split {split!r} among the first {first}", "a larger number of frames")
-
-
-def _read_row(file: pq.ParquetFile, row: int, columns: list[str]) -> pa.RecordBatch:
-    """The columns of one row; only its row group is read."""
-    group, first = 0, 0
-    while row >= first + file.metadata.row_group(group).num_rows:
-        first += file.metadata.row_group(group).num_rows
-        group += 1
-    table = file.read_row_group(group, columns=columns, use_threads=False)
-    return table.slice(row - first, 1).to_batches()[0]

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from torch import nn
 
 from shared.signal.adaptive import FLOOR, LEAST_POWER
-from trainer.networks.unrolled import UnrolledNetwork
+from trainer.networks.unrolled import Iterate, UnrolledNetwork
 
 
 class Parts(NamedTuple):
@@ -48,30 +48,28 @@ class RealUnrolledNetwork(nn.Module):
         batch, planes, rows, _ = snapshots.shape
         channels = planes // 2
         row = snapshots[..., 0].transpose(1, 2).reshape(batch * rows, planes)
-        real, imaginary, noise = row[:, :channels], row[:, channels : 2 * channels], row[:, -1]
-        parts = _times(real, imaginary, *self._parts("matched"))
+        snapshot, noise = Parts(row[:, :channels], row[:, channels : 2 * channels]), row[:, -1]
+        parts = _times(snapshot, self._table("matched"))
         power = (parts.real.square() + parts.imag.square()) / channels**2
         for _ in range(self.network.plain):
-            filtered, form = self._forms(power, real, imaginary, noise)
+            filtered, form = self._forms(power, snapshot, noise)
             power = (filtered.real.square() + filtered.imag.square()) / form.square()
-        filtered, form = self._forms(power, real, imaginary, noise)
-        seen = _times(power * filtered.real, power * filtered.imag, *self._parts("view"))
+        filtered, form = self._forms(power, snapshot, noise)
+        seen = _times(Parts(power * filtered.real, power * filtered.imag), self._table("view"))
         magnitude = (seen.real.square() + seen.imag.square() + LEAST_POWER).sqrt() - LEAST_POWER**0.5
-        shape = (batch, rows, self.network.bins)
+        found = Iterate(power, filtered, form, noise, (batch, rows, self.network.bins))
         for step in self.network.steps:
-            state, _ = self.network.state(power, filtered, form, noise, shape)
-            power = self.network.stepped(power, filtered, form, step(state))
-            filtered, form = self._forms(power, real, imaginary, noise)
-        return self.network.corrected(magnitude, power, filtered, form, noise, shape)
+            power = self.network.stepped(found, step)
+            filtered, form = self._forms(power, snapshot, noise)
+            found = found._replace(power=power, filtered=filtered, form=form)
+        return self.network.corrected(magnitude, found)
 
-    def _forms(
-        self, power: torch.Tensor, real: torch.Tensor, imaginary: torch.Tensor, noise: torch.Tensor
-    ) -> tuple[Parts, torch.Tensor]:
+    def _forms(self, power: torch.Tensor, snapshot: Parts, noise: torch.Tensor) -> tuple[Parts, torch.Tensor]:
         """(q, s) [B, N], as :func:`shared.signal.adaptive.adaptive_forms` has them."""
         phases, pair = self.network.get_buffer("phases"), self.network.get_buffer("pair")
         cosine, sine = phases[0], phases[1]
         sign, sums = self.network.get_buffer("sign"), self.get_buffer("sums")
-        channels = real.shape[1]
+        channels = snapshot.real.shape[1]
         square = (-1, channels, channels)
         even = (power @ cosine.T)[:, pair].reshape(square)
         odd = -((power @ sine.T)[:, pair] * sign).reshape(square)
@@ -79,16 +77,15 @@ class RealUnrolledNetwork(nn.Module):
         white = torch.maximum(noise, FLOOR * total + FLOOR)
         both = torch.cat([torch.cat([even, -odd], dim=2), torch.cat([odd, even], dim=2)], dim=1)
         inverse = inverted(both + white[:, None, None] * torch.eye(2 * channels, dtype=both.dtype))
-        snapshot = torch.cat([real, imaginary], dim=1)[:, :, None]
-        weighted = (inverse @ snapshot)[:, :, 0]
-        filtered = _times(weighted[:, :channels], weighted[:, channels:], *self._parts("matched"))
+        weighted = (inverse @ torch.cat([snapshot.real, snapshot.imag], dim=1)[:, :, None])[:, :, 0]
+        filtered = _times(Parts(weighted[:, :channels], weighted[:, channels:]), self._table("matched"))
         flat = inverse[:, :channels, :channels].reshape(-1, channels**2)
         odd_flat = inverse[:, channels:, :channels].reshape(-1, channels**2)
         form = (flat @ sums) @ cosine - ((odd_flat * sign) @ sums) @ sine
         return filtered, torch.maximum(form, (1.0 / (total + white))[:, None])
 
-    def _parts(self, name: str) -> tuple[torch.Tensor, torch.Tensor]:
-        return self.get_buffer(f"{name}_real"), self.get_buffer(f"{name}_imaginary")
+    def _table(self, name: str) -> Parts:
+        return Parts(self.get_buffer(f"{name}_real"), self.get_buffer(f"{name}_imaginary"))
 
 
 def inverted(matrix: Float[torch.Tensor, "batch n n"]) -> Float[torch.Tensor, "batch n n"]:
@@ -108,11 +105,9 @@ def inverted(matrix: Float[torch.Tensor, "batch n n"]) -> Float[torch.Tensor, "b
     return matrix
 
 
-def _times(
-    real: torch.Tensor, imaginary: torch.Tensor, table_real: torch.Tensor, table_imaginary: torch.Tensor
-) -> Parts:
+def _times(left: Parts, right: Parts) -> Parts:
     """A complex matrix product."""
     return Parts(
-        real @ table_real - imaginary @ table_imaginary,
-        real @ table_imaginary + imaginary @ table_real,
+        left.real @ right.real - left.imag @ right.imag,
+        left.real @ right.imag + left.imag @ right.real,
     )

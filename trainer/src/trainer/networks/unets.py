@@ -20,12 +20,11 @@ from jaxtyping import Float
 from torch import nn
 from torch.nn import functional
 
+Image = Float[torch.Tensor, "batch channels rows bins"]
 LEVELS = 3
 BRANCH_GAIN = 0.3
 """Initial scale of residual branches: without normalisation over pixels, which would tie a pixel to the whole image
 (and a crop's result to where it was cut), the sum of branches must start near its skip."""
-
-
 MIXED = 3
 """Images that the mixing hands to the U-Net; the first is an estimate that the U-Net corrects."""
 ATTENTION_LEVELS = 4
@@ -41,9 +40,7 @@ class ResidualBlock(nn.Module):
         with torch.no_grad():
             self.second.weight.mul_(BRANCH_GAIN)
 
-    def forward(
-        self, image: Float[torch.Tensor, "batch channels rows bins"]
-    ) -> Float[torch.Tensor, "batch channels rows bins"]:
+    def forward(self, image: Image) -> Image:
         return image + self.second(functional.gelu(self.first(image)))
 
 
@@ -89,7 +86,7 @@ class LightUNet(nn.Module):
 
 
 def pad_to_multiple(
-    image: Float[torch.Tensor, "batch channels rows bins"], rows: int, bins: int | None = None
+    image: Image, rows: int, bins: int | None = None
 ) -> Float[torch.Tensor, "batch channels padded_rows padded_bins"]:
     """Zero-padded at the end of range and angle to multiples, the same for both by default; pixel (0, 0) stays."""
     height, width = image.shape[-2:]
@@ -180,11 +177,7 @@ class AttentionGate(nn.Module):
         self.skip = nn.Sequential(*_convolution(channels, inner, 1))
         self.score = nn.Sequential(nn.Conv2d(inner, 1, 1), nn.Sigmoid())
 
-    def forward(
-        self,
-        gate: Float[torch.Tensor, "batch channels rows bins"],
-        skip: Float[torch.Tensor, "batch channels rows bins"],
-    ) -> Float[torch.Tensor, "batch channels rows bins"]:
+    def forward(self, gate: Image, skip: Image) -> Image:
         return skip * self.score(torch.relu(self.gate(gate) + self.skip(skip)))  # (B, C, R, U)
 
 

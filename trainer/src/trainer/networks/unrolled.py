@@ -20,7 +20,7 @@ No weight knows the array: it enters through the tables alone.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -46,7 +46,7 @@ from trainer.networks.unets import LightUNet
 LAGS = (1, 2, 4, 8)
 """Distances of the products [angle bins]; a resolution cell of the full array has 10.75."""
 STATE = 4 + 2 * len(LAGS)
-"""Channels of :func:`state_features`."""
+"""Channels of what a learned step sees."""
 KERNEL = 7
 """Angle bins that a convolution of a learned step sees."""
 STEP_WIDTH = 16
@@ -79,6 +79,23 @@ class LearnedStep(nn.Module):
 
     def forward(self, state: Float[torch.Tensor, "batch planes rows bins"]) -> Float[torch.Tensor, "batch 2 rows bins"]:
         return self.last(functional.gelu(self.second(functional.gelu(self.first(state)))))
+
+
+class Iterate(NamedTuple):
+    """What an iteration has found in the B R rows of images.
+
+    :param power: [B R, N] P
+    :param filtered: [B R, N] q, with its parts ``real`` and ``imag``
+    :param form: [B R, N] s
+    :param noise: [B R] over the row's power
+    :param shape: (B, R, U)
+    """
+
+    power: torch.Tensor
+    filtered: Any
+    form: torch.Tensor
+    noise: torch.Tensor
+    shape: tuple[int, int, int]
 
 
 def laid_out(
@@ -159,39 +176,27 @@ class UnrolledNetwork(nn.Module):
                 power = adaptive_powers(snapshot, noise, tables, self.plain, "iaa", prior=known)
                 filtered, form = adaptive_forms(power, snapshot, noise, tables)
                 seen = virtual_view(power, filtered, form, self.get_buffer("view"), uncertain=0.0)
-        shape = (batch, rows, self.bins)
+        found = Iterate(power, filtered, form, noise, (batch, rows, self.bins))
         for step in self.steps:
-            state, _ = self.state(power, filtered, form, noise, shape)
-            power = self.stepped(power, filtered, form, step(state))
+            power = self.stepped(found, step)
             if known is not None:
                 power = bounded_power(power * known**PRIOR_EXPONENT)
             with torch.autocast(snapshots.device.type, enabled=False):
                 filtered, form = adaptive_forms(power, snapshot, noise, tables)
-        weight = None if prior is None else prior[..., : self.bins]
-        return self.corrected(seen, power, filtered, form, noise, shape, weight, place)
+            found = found._replace(power=power, filtered=filtered, form=form)
+        return self.corrected(seen, found, None if prior is None else prior[..., : self.bins], place)
 
     def corrected(
-        self,
-        seen: torch.Tensor,
-        power: torch.Tensor,
-        filtered: Any,
-        form: torch.Tensor,
-        noise: torch.Tensor,
-        shape: tuple[int, int, int],
-        prior: torch.Tensor | None = None,
-        place: torch.Tensor | None = None,
+        self, seen: torch.Tensor, found: Iterate, prior: torch.Tensor | None = None, place: torch.Tensor | None = None
     ) -> torch.Tensor:
-        """[B, 1 or 2, R, U] the answer, or of the images of ``place``, of what the iterations have found in B R rows.
+        """[B, 1 or 2, R, U] the answer, or of the images of ``place``, of what the iterations have found.
 
         :param seen: [B R, U] the virtual view
-        :param power, filtered, form: [B R, N] P, q with its parts ``real`` and ``imag``, and s
-        :param noise: [B R] over the row's power
-        :param shape: (B, R, U)
         :param prior: [B, R, U]
         :param place: see :meth:`forward`
         """
-        base = (seen + SMALLEST).pow(self.exponent).reshape(shape)
-        state, level = self.state(power, filtered, form, noise, shape)
+        base = (seen + SMALLEST).pow(self.exponent).reshape(found.shape)
+        state, level = self._state(found)
         known = torch.cat([state, base[:, None], level[:, None]], dim=1)
         if self.prior is not None and prior is not None:
             known = known + self.prior(prior.log10()[:, None]).float()
@@ -204,26 +209,20 @@ class UnrolledNetwork(nn.Module):
         answer = context + own
         return torch.cat([answer[:, :1] + base, answer[:, 1:]], dim=1)
 
-    def stepped(self, power: torch.Tensor, filtered: Any, form: torch.Tensor, correction: torch.Tensor) -> torch.Tensor:
+    def stepped(self, found: Iterate, step: nn.Module) -> torch.Tensor:
         """The powers after a learned step; angles outside the image take the plain one."""
-        ratio = likes_ratio(filtered, form)
+        correction = step(self._state(found)[0])
+        ratio = likes_ratio(found.filtered, found.form)
         inside = ratio[:, : self.bins].clamp_min(LEAST_RATIO)
         beta, delta = (correction[:, part].float().reshape(-1, self.bins) for part in (0, 1))
         change = (beta * inside.log10() + delta).clamp(-LARGEST_CORRECTION, LARGEST_CORRECTION)
-        change = functional.pad(change, (0, power.shape[1] - self.bins))
-        return bounded_power(power * ratio * torch.pow(10.0, change))
+        change = functional.pad(change, (0, found.power.shape[1] - self.bins))
+        return bounded_power(found.power * ratio * torch.pow(10.0, change))
 
-    def state(
-        self,
-        power: torch.Tensor,
-        filtered: Any,
-        form: torch.Tensor,
-        noise: torch.Tensor,
-        shape: tuple[int, int, int],
-    ) -> tuple[torch.Tensor, torch.Tensor]:
+    def _state(self, found: Iterate) -> tuple[torch.Tensor, torch.Tensor]:
         """([B, STATE, R, U] what the iteration knows at the image's angles, [B, R, U] compressed |P q|)."""
-        power, form = power[:, : self.bins], form[:, : self.bins]
-        real, imaginary = (part[:, : self.bins] * form.rsqrt() for part in (filtered.real, filtered.imag))
+        power, form = found.power[:, : self.bins], found.form[:, : self.bins]
+        real, imaginary = (part[:, : self.bins] * form.rsqrt() for part in (found.filtered.real, found.filtered.imag))
         ratio = real.square() + imaginary.square()
         shrunk = (1.0 + ratio).rsqrt()
         real, imaginary = real * shrunk, imaginary * shrunk
@@ -232,10 +231,10 @@ class UnrolledNetwork(nn.Module):
             0.25 * power.clamp_min(LEAST_POWER).log10() + 0.5,
             0.5 * ratio.clamp_min(LEAST_RATIO).log10(),
             (power * form).clamp_max(1.0),
-            (0.25 * noise.clamp_min(SMALLEST).log10() + 0.5)[:, None].expand_as(power),
+            (0.25 * found.noise.clamp_min(SMALLEST).log10() + 0.5)[:, None].expand_as(power),
         ]
         for lag in LAGS:
             far_real, far_imaginary = (functional.pad(part[:, lag:], (0, lag)) for part in (real, imaginary))
             planes += [real * far_real + imaginary * far_imaginary, real * far_imaginary - imaginary * far_real]
         mean = (power * ratio.clamp_min(SMALLEST).sqrt() * form.sqrt() + SMALLEST).pow(self.exponent)
-        return torch.stack([plane.reshape(shape) for plane in planes], dim=1), mean.reshape(shape)
+        return torch.stack([plane.reshape(found.shape) for plane in planes], dim=1), mean.reshape(found.shape)

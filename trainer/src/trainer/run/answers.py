@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -23,10 +24,8 @@ from trainer.estimators.adaptive import VirtualView
 from trainer.estimators.base import ESTIMATORS, Estimator, LineArray, line_array
 from trainer.estimators.das import DelayAndSum
 from trainer.metrics.cells import CellScores, score_cells
-from trainer.run.detections import new_peaks
 from trainer.run.folder import Run
-from trainer.run.imager import Imager
-from trainer.run.targets import AMPLITUDE, UNITS, level_image
+from trainer.run.imager import AMPLITUDE, UNITS, Imager, best_device
 
 Images = tuple[NDArray[np.floating], NDArray[np.float32] | None]
 """([B, R, U] images, [B, R, U] probability of a target or None)."""
@@ -57,7 +56,6 @@ class Answer(ABC):
     :param name: of network or estimator
     :param array: the channels that it looks at, as output files name them
     :param channels: [C] those among the radar's
-    :param line: their places
     :param radar: of the data, its grid that of the images
     :param unit: of the images
     :param row_wise: an image row depends on nothing but that row's snapshot
@@ -67,50 +65,48 @@ class Answer(ABC):
     name: str
     array: ArrayChoice
     channels: NDArray[np.intp]
-    line: LineArray
     radar: Radar
     unit: str
     row_wise: bool
     detects: bool
+
+    @cached_property
+    def line(self) -> LineArray:
+        """The places of its channels."""
+        return line_array(self.radar, self.channels)
 
     @abstractmethod
     def images(self, range_channel: NDArray[np.complexfloating], told: Told) -> Images:
         """Of matrices [B, R, C] of all the radar's channels [sqrt(W)]."""
 
     @abstractmethod
-    def das(self, range_channel: NDArray[np.complexfloating]) -> NDArray[np.floating]:
-        """[B, R, U] delay-and-sum images of the same channels [sqrt(W)]."""
+    def peaks(self, measurement: Measurement) -> Images:
+        """:meth:`images` of each Doppler peak of a frame (paper, section II-E).
+
+        The strongest peaks of all range bins first, then the second strongest and so on. A peak that repeats an earlier
+        one of its range bin is computed once.
+        """
+
+    @abstractmethod
+    def baseline(self, measurement: Measurement) -> NDArray[np.floating]:
+        """[R, U] delay-and-sum image of the same channels, the maximum over the peaks [sqrt(W)]."""
 
     @property
     def uses_motion(self) -> bool:
         """Whether its images depend on the sensor's motion."""
         return False
 
-    def peaks(self, measurement: Measurement) -> Images:
-        """:meth:`images` of each Doppler peak of a frame (paper, section II-E).
-
-        The strongest peaks of all range bins first, then the second strongest and so on, the strongest again where
-        there is none.
-        """
-        return self.images(measurement.range_channel, self._told(measurement))
-
     def _told(self, measurement: Measurement) -> Told:
         """What is known of the frame's rows [D, R]."""
         motion = measurement.motion
-        world = None if motion is None else StaticWorld(motion, measurement.velocity, self.radar)
+        world = None if motion is None else StaticWorld(motion, measurement.cells.velocity, self.radar)
         return Told(measurement.noise_power, measurement.model_error_db, world)
 
     def seen_motion(self, measurement: Measurement) -> EgoMotion | None:
         """The sensor's motion as these channels see it in the frame, which seeds what is drawn."""
-        new = new_peaks(measurement.velocity)
-        cells = measurement.range_channel[new][:, self.channels]
-        return seen_motion(
-            cells, measurement.velocity[new], self.line, self.radar, measurement.noise_power, measurement.frame_id
-        )
-
-    def baseline(self, measurement: Measurement) -> NDArray[np.floating]:
-        """[R, U] delay-and-sum image of the same channels, the maximum over the peaks [sqrt(W)]."""
-        return np.asarray(self.das(measurement.range_channel).max(axis=0))
+        seen = measurement.cells
+        cells, velocity = seen.range_channel[seen.new][:, self.channels], seen.velocity[seen.new]
+        return seen_motion(cells, velocity, self.line, self.radar, measurement.noise_power, measurement.frame_id)
 
     def image(self, range_channel: NDArray[np.complexfloating], noise_power: float) -> NDArray[np.float64]:
         """[R, U] of one matrix [R, C]."""
@@ -159,8 +155,11 @@ class Answer(ABC):
         :param channels: how many should find the truth's cells; its own by default
         """
         image, score = self.image_and_score(range_channel, noise_power, world)
-        chosen = range_channel[:, self.channels]
-        level = level_image(image, self.unit, chosen, self.line, self.radar.grid.u, noise_power)
+        level: NDArray[np.floating] = image
+        if self.unit != AMPLITUDE:
+            # It says where something is. The data say how strong it is, by delay and sum there.
+            u = self.radar.grid.u
+            level = DelayAndSum().image(range_channel[:, self.channels], self.line, u, noise_power)
         step = self.radar.waveform.range_step_m
         return image, score_cells(truth, level, noise_power, channels or len(self.channels), step, score)
 
@@ -195,14 +194,14 @@ class NetworkAnswer(Answer):
             return images.cpu().numpy(), None if probability is None else probability.float().cpu().numpy()
 
     def peaks(self, measurement: Measurement) -> Images:
-        """A peak that repeats an earlier one of its range bin has the strongest's row, which is computed once."""
-        new = new_peaks(measurement.velocity)
+        """A repeated peak has the strongest's row."""
+        new = measurement.cells.new
         place = np.where(new, np.cumsum(new).reshape(new.shape) - 1, np.arange(new.shape[1]))
-        return self.images(measurement.range_channel[new][None], self._told(measurement)[new][None], place)
+        return self.images(measurement.cells.range_channel[new][None], self._told(measurement)[new][None], place)
 
-    def das(self, range_channel: NDArray[np.complexfloating]) -> NDArray[np.floating]:
+    def baseline(self, measurement: Measurement) -> NDArray[np.floating]:
         with torch.inference_mode():
-            return np.asarray(self.imager.das(self._tensor(range_channel)).cpu().numpy())
+            return np.asarray(self.imager.das(self._tensor(measurement.cells.range_channel)).cpu().numpy().max(axis=0))
 
     def _tensor(self, range_channel: NDArray[np.complexfloating]) -> torch.Tensor:
         return torch.from_numpy(np.array(range_channel)).to(self.imager.weights.device)
@@ -230,23 +229,16 @@ class EstimatorAnswer(Answer):
             return estimator.image(rows, line, u, noise, told.world.prior)
         return estimator.image(rows, line, u, noise)
 
-    @property
-    def _by_das(self) -> EstimatorAnswer:
-        return replace(self, estimator=DelayAndSum())
-
-    def das(self, range_channel: NDArray[np.complexfloating]) -> NDArray[np.floating]:
-        return self._by_das.images(range_channel, Told(0.0))[0]
-
     def peaks(self, measurement: Measurement) -> Images:
-        """A peak that repeats an earlier one of its range bin is zero; the maximum over the peaks is the same."""
+        """A repeated peak is zero; the maximum over the peaks is the same."""
         return self._images(measurement).astype(np.float32), None
 
     def baseline(self, measurement: Measurement) -> NDArray[np.floating]:
-        return np.asarray(self._by_das._images(measurement).max(axis=0))
+        return np.asarray(replace(self, estimator=DelayAndSum())._images(measurement).max(axis=0))
 
     def _images(self, measurement: Measurement) -> NDArray[np.float64]:
-        new = new_peaks(measurement.velocity)
-        rows, line = self._elements(np.asarray(measurement.range_channel)[new])
+        new = measurement.cells.new
+        rows, line = self._elements(np.asarray(measurement.cells.range_channel)[new])
         images = np.zeros((*new.shape, self.radar.grid.bins))
         images[new] = self._rows(rows, line, self._told(measurement)[new])
         return images
@@ -269,21 +261,23 @@ class EstimatorAnswer(Answer):
 def network_answer(
     run: Run, imager: Imager, channels: NDArray[np.intp] | None = None, radar: Radar | None = None
 ) -> NetworkAnswer:
-    """The imager of a run, for measurements of ``radar``, of which it looks at ``channels``; by default its own."""
+    """The imager of a run, moved to the best device.
+
+    :param radar: of the measurements, by default the run's
+    :param channels: of them that it looks at, by default its own
+    """
     radar = radar or run.radar
     channels = run.array.channels(run.radar) if channels is None else channels
     shown, config = radar.model_copy(update={"grid": run.radar.grid}), run.config
     return NetworkAnswer(
-        config.model, run.array, channels, line_array(radar, channels), shown, UNITS[config.target],
-        config.model == "doa-cnn", imager.detects, imager,
+        config.model, run.array, channels, shown, UNITS[config.target], config.model == "doa-cnn", imager.detects,
+        imager.to(best_device()),
     )  # fmt: skip
 
 
 def array_answer(name: str, array: ArrayChoice, radar: Radar) -> EstimatorAnswer:
     """The estimator of this name (:data:`trainer.estimators.base.ESTIMATORS`) on the channels of an array."""
-    channels = array.channels(radar)
-    line = line_array(radar, channels)
-    return EstimatorAnswer(name, array, channels, line, radar, AMPLITUDE, True, False, ESTIMATORS[name]())
+    return EstimatorAnswer(name, array, array.channels(radar), radar, AMPLITUDE, True, False, ESTIMATORS[name]())
 
 
 def estimator_answer(name: str, radar: Radar, dead_channels: tuple[int, ...] = ()) -> EstimatorAnswer:
@@ -298,7 +292,7 @@ def estimator_answer(name: str, radar: Radar, dead_channels: tuple[int, ...] = (
         raise InputError("channels", f"all {radar.array.channels} are dead", "a channel with an echo")
     # Output files name RX: those of which any channel is in use.
     array = ArrayChoice(name="full", rx=tuple(np.unique(radar.array.channel_rx[channels]).tolist()))
-    return replace(array_answer(name, array, radar), channels=channels, line=line_array(radar, channels))
+    return replace(array_answer(name, array, radar), channels=channels)
 
 
 def check_method(name: str) -> None:

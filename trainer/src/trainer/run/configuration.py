@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, FiniteFloat, model_validator
 
 from shared.processes.defaults import LARGEST_SEED
 from shared.radar.front_end import PhaseNoise
@@ -30,7 +30,7 @@ Level = Annotated[tuple[FiniteFloat, FiniteFloat], AfterValidator(_rising)]
 """Least and largest level of a board [dB]."""
 
 
-class Imperfections(BaseModel):
+class Imperfections(BaseModel, frozen=True, extra="forbid"):
     """Magnitudes of boards after calibration with a reflector, by default.
 
     A field with two numbers holds the ends between which each board draws its own, uniformly.
@@ -51,8 +51,6 @@ class Imperfections(BaseModel):
     :param phase_noise: of the oscillator. At 1 MHz from 77 GHz it has the -95 dBc/Hz of the data sheet of TI's AWR1243
     :param reported_db: standard deviation of the model error that calibration reports about the one that is there
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     perfect: Share = 0.25
     gain_db: Spread = (0.9, 1.6)
@@ -103,7 +101,7 @@ FEATURES: dict[str, Features] = {"unrolled": "snapshots", "doa-cnn": "covariance
 """What a network sees where its configuration does not say; "adaptive" for the others."""
 
 
-class FitConfig(BaseModel):
+class FitConfig(BaseModel, frozen=True, extra="forbid"):
     """Network, features, target, loss and schedule of one run.
 
     :param model: network, see :mod:`trainer.networks`
@@ -114,7 +112,7 @@ class FitConfig(BaseModel):
     :param learned: iterations of the "unrolled" network with weights
     :param truth_window: over the virtual sensor's elements in the truth; that of the datasets
     :param detection: weight of the loss of the "unrolled" network's detection head; 0 for a network without one
-    :param target: what the network is asked for, see :mod:`trainer.run.targets`
+    :param target: what the network is asked for, see :func:`trainer.run.imager.encode`
     :param exponent: compression of the "row" target's magnitudes
     :param beta: scale of the "paper" target (paper, section III-A)
     :param threshold_db: a pixel of the "class" target is a target down to this level below the image's peak [dB]
@@ -141,8 +139,6 @@ class FitConfig(BaseModel):
     :param patience: validations without improvement before an early stop, 0 for never
     :param frames: of each dataset, train and validate with the frames whose ``frame_id`` is below it; 0 for all
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     model: Model = "unrolled"
     width: Few = 12

@@ -1,10 +1,7 @@
-"""The detections of a frame: lines fitted to groups of cells, one for each target.
+"""The detections of a frame: lines fitted to groups of cells, one for each target (docs/points.md).
 
-A target stands in several range bins and Doppler cells: the Hann window's main lobe is four of either wide, and its
-sidelobes begin at -31 dB. A cell above a threshold and the cells of its two neighbouring bins at the same Doppler are a
-group, in which one decision is made on the number of lines. Groups are made about the strongest cell, then about the
-strongest that is no neighbour of it, and so on: what stands in a neighbour is fitted in the stronger cell's group.
-Which lines are targets says :mod:`trainer.run.targets_once`.
+The Hann window's main lobe is four range bins, and Doppler cells, wide; its sidelobes begin at -31 dB. What stands in a
+neighbour of a group's cell is fitted in that group. Which lines are targets says :mod:`trainer.run.targets_once`.
 
 The false alarms of a frame are those of first lines in noise, all Doppler cells searched among which the fitted ones
 were chosen; as many are allowed to further lines in the groups that were heard.
@@ -17,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit, logit
 
 from shared.physics.errors import InputError
 from shared.physics.units import amplitude_to_db, db_to_power, power_to_db
@@ -37,7 +35,6 @@ from trainer.estimators.fitting import (
 )
 from trainer.estimators.moves import beside_lines
 from trainer.estimators.velocities import UNIFORM, velocity_offsets
-from trainer.run.certainty import line_probability
 from trainer.run.false_alarms import first_line_threshold
 from trainer.run.targets_once import Beams, Lines
 
@@ -69,6 +66,14 @@ SIDEBANDS_DB = 45.0
 -84 dBc/Hz within 300 kHz, stands 50 dB and more below in a range bin; it averages over the chirps."""
 MOST_BINS = 1 << 32
 """More than a range axis has."""
+BY_LEVEL = (-1.15, 0.116, 0.0)
+"""(a, b, c) of a method without a detection head."""
+BY_HEAD = (1.7, 0.062, 0.49)
+"""(a, b, c) with one."""
+HIGHEST_DB = 45.0
+"""Beyond, a line is as often a ghost of a strong echo as an echo: what is stronger is no more likely."""
+LEAST_HEAD = 1e-4
+"""Of h and of 1 - h: their logit stays finite, and heads of less do not differ."""
 LEAST_BIN = 1.0
 """Nearer stands what leaks from the TX into the RX, at range zero, of any phase in each channel."""
 
@@ -82,7 +87,7 @@ class Detections:
     :param velocity: [N] fitted where the cells beside its Doppler cell are known, else that cell's [m/s]
     :param amplitude_db: [N] of the line in its range-Doppler cell [dB re 1 sqrt(W)]
     :param u_std: [N] standard deviation of u by the Cramer-Rao bound
-    :param probability: [N] that an echo stands there, by :mod:`trainer.run.certainty`
+    :param probability: [N] that an echo stands there, by :func:`line_probability`
     :param range_std: [N] likewise of the range, that of a uniform bin where it is the bin's [m]
     :param velocity_std: [N] likewise of the velocity [m/s]
     :param moving: [N] probability that it does not belong to the static world; NaN where the sensor's own motion is not
@@ -140,7 +145,7 @@ def find_detections(
     expected = (*np.shape(snapshots)[:2], radar.grid.bins)
     if np.shape(image) != expected or np.shape(velocity) != expected[:2]:
         raise InputError("detections", f"an image {np.shape(image)}, velocities {np.shape(velocity)}", f"{expected}")
-    new, waveform, axis = new_peaks(velocity), radar.waveform, radar.grid.u
+    new, waveform, axis = seen.new, radar.waveform, radar.grid.u
     cells = np.rint(np.asarray(velocity, dtype=np.float64) / waveform.velocity_step_mps).astype(np.int64)
     range_m = np.maximum(np.arange(snapshots.shape[1]), 1) * waveform.range_step_m
     straight = np.exp(-1j * array.bend_phase(range_m))
@@ -184,10 +189,10 @@ def find_detections(
     cell, nearest = cells[peak[group], row[group]], np.rint(row[group] + offset).astype(np.intp)
     at_a_centre = np.isin(_place(cell, nearest), _place(cells[peak, row], row))
     shown &= np.abs(offset) <= np.where(at_a_centre, OWN_BINS, REACH_BINS)
-    lines = Lines(group, energy, row[group] + offset, cell, u, u_std, amplitude_to_db(amplitude))
+    lines = Lines(group, energy, row[group] + offset, cell, u, u_std, amplitude_to_db(amplitude), waveform.chirps)
     near = SAME_ANGLE_CELLS * array.resolution_cell
-    kept = lines.once(np.flatnonzero(shown), near, waveform.chirps)
-    kept = lines.explained_by_none(kept, near, waveform.chirps, float(np.sqrt(least / array.channels)))
+    kept = lines.once(np.flatnonzero(shown), near)
+    kept = lines.explained_by_none(kept, near, float(np.sqrt(least / array.channels)))
     # What the waves of simulated data leave is no error of an element.
     error = max(model_error_ratio(sought.model_error_db) - model_error_ratio(MODEL_ERROR_DB), 0.0)
     kept = lines.no_ghosts(kept, array, -np.log(GHOST_PROBABILITY) * error * float(db_to_power(REPORTED_WITHIN_DB)))
@@ -213,6 +218,26 @@ def find_detections(
         doppler_cell=(lines.cell[kept] + waveform.chirps // 2) % waveform.chirps,
         snr_db=snr_db,
     )
+
+
+def line_probability(snr_db: NDArray[np.float64], head: NDArray[np.floating] | None) -> NDArray[np.float64]:
+    """P [N] that an echo stands at lines of L = ``snr_db`` [N], h = ``head`` [N]; None without a detection head.
+
+    A line that passed the test for noise may still be none: the flank of a neighbour, a ghost of a board's
+    errors, an echo of unlike ways out and back, which no one angle explains. How often that is so falls with the line's
+    level L over the noise that the fit is told [dB], all channels added, and where a network has a detection head with
+    the logit of what that says at the line:
+
+        P = 1 / (1 + exp(-(a + b L + c logit h)))
+
+    (Platt, "Probabilistic outputs for support vector machines", 1999: the head's own h is the share of pixels that hold
+    a peak of the truth, which few do). a, b and c are near what fits the lines of simulated drives through two cities
+    best, of which the paths are known; ``python tests/benchmarks/driven_points.py`` prints those of one drive:
+    docs/notes/points.md. Limit: lines of a board's phase noise are told from echoes by neither level nor head.
+    """
+    a, b, c = BY_LEVEL if head is None else BY_HEAD
+    said = 0.0 if head is None else logit(np.clip(head, LEAST_HEAD, 1.0 - LEAST_HEAD))
+    return np.asarray(expit(a + b * np.minimum(snr_db, HIGHEST_DB) + c * said))
 
 
 def with_moving(found: Detections, motion: EgoMotion | None, radar: Radar) -> Detections:
@@ -282,12 +307,6 @@ def _patterns(
             if len(members):
                 steps = [-1] * left + [0] + [1] * right
                 yield {step: beside[step][members] if step else peak[members] for step in steps}, members
-
-
-def new_peaks(velocity: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """[D, R] which Doppler peaks of a range bin, by their velocities [D, R], do not repeat an earlier one."""
-    new = [(velocity[:d] != velocity[d]).all(axis=0) for d in range(len(velocity))]
-    return np.array(new, dtype=bool).reshape(velocity.shape)
 
 
 def _around(

@@ -21,8 +21,7 @@ from trainer.errors import TrainingStopped
 from trainer.networks.real_unrolled import RealUnrolledNetwork
 from trainer.networks.unrolled import UnrolledNetwork
 from trainer.run.folder import load_imager
-from trainer.run.imager import CHANNELS, lay_out
-from trainer.run.targets import UNITS
+from trainer.run.imager import CHANNELS, UNITS, lay_out
 
 TOLERANCE = 1e-4
 """Largest difference from torch, relative to the largest value."""

@@ -26,9 +26,9 @@ A frame of R range bins so lists
 
     R N E_e[ int int density(t) kappa(t + e) E_tau Q(D, tau - g (t + e)) du dr ],    e exponential
 
-lines. Stored peaks of noise have no neighbour in their Doppler cell, if there is more than one: they are groups of
-one bin. Left out: a choice
-among neighbouring Doppler cells, whose noise is alike. How many are listed is measured in docs/notes/points.md.
+lines. Stored peaks of noise have no neighbour in their Doppler cell, if there is more than one: they are groups of one
+bin. Left out: a choice among neighbouring Doppler cells, whose noise is alike. docs/notes/points.md measures how many
+are listed.
 """
 
 from __future__ import annotations

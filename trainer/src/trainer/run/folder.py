@@ -24,17 +24,17 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ValidationError
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
 from shared.dataset.claims import claimed
 from shared.dataset.documents import read_json, sealed, unsealed
 from shared.dataset.folder import ShardRecord
-from shared.dataset.locations import Location, folder_name
+from shared.dataset.locations import Location, folder_name, sha256_of
 from shared.dataset.writing import write_bytes, write_json
 from shared.physics.errors import InputError, Told
-from shared.radar import Radar, first_validation_error
+from shared.radar import Radar, validated
 from trainer.data.arrays import ArrayChoice
 from trainer.run.configuration import FitConfig
 from trainer.run.imager import Imager, lay_out
@@ -43,15 +43,13 @@ JOB = ".job"
 """Folder of the lock and of what worker processes are given; it is there only while a command is at work."""
 
 
-class SceneRecord(BaseModel):
+class SceneRecord(BaseModel, frozen=True, extra="forbid"):
     """One scene of a dataset.
 
     :param name: as the frames' column ``scene`` has it
     :param content_sha256: over geometry, materials, motion and targets, what was put in included
     :param populate: what ``--populate`` put in, as it was asked for; None for a scene as its file has it
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
     content_sha256: str
@@ -113,7 +111,7 @@ two entries safetensors writes now this one, now that one first, and equal weigh
 PACKAGES = ("sparseradar-trainer", "sparseradar-shared", "torch", "lightning", "numpy", "pyarrow")
 
 
-class Fingerprint(BaseModel):
+class Fingerprint(BaseModel, frozen=True, extra="forbid"):
     """Which dataset a run has seen.
 
     :param name: of its folder
@@ -121,8 +119,6 @@ class Fingerprint(BaseModel):
     :param frames: by split, those that a run trains and validates with, and all of the test split
     :param scenes: that the frames to train and to validate with are of; None where the dataset did not say
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
     sha256: str
@@ -142,15 +138,13 @@ class Fingerprint(BaseModel):
         return cls(name=folder_name(directory), sha256=sha256, frames=dict(frames), scenes=scenes)
 
 
-class Start(BaseModel):
+class Start(BaseModel, frozen=True, extra="forbid"):
     """Which weights a run began with, if not with random ones.
 
     :param name: of the run's folder
     :param sha256: of its weights' file
     :param trained_on: datasets that these weights have seen
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
     sha256: str
@@ -162,14 +156,11 @@ class Start(BaseModel):
         path = directory / WEIGHTS
         if not path.is_file():
             raise InputError(path, "no such file", "the weights of a run that has validated at least once")
-        sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-        return cls(name=directory.resolve().name, sha256=sha256, trained_on=read_run(directory).trained_on)
+        return cls(name=directory.resolve().name, sha256=sha256_of(path), trained_on=read_run(directory).trained_on)
 
 
-class Run(Told, BaseModel):
+class Run(Told, BaseModel, frozen=True, extra="forbid"):
     """All that is needed to use a run's weights, and to say where they come from."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     version: int = RUN_VERSION
     config: FitConfig
@@ -221,10 +212,7 @@ def read_run(directory: Path) -> Run:
     found = document.get("version") if isinstance(document, dict) else None
     if found != RUN_VERSION:
         raise InputError(path, f"version = {found!r}", f"run version {RUN_VERSION}")
-    try:
-        return Run.model_validate(unsealed(path, document))
-    except ValidationError as error:
-        raise InputError(path, *first_validation_error(error)) from error
+    return validated(Run, unsealed(path, document), path)
 
 
 def save_weights(directory: Path, imager: Imager, gain: float = 1.0) -> None:

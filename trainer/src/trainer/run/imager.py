@@ -1,4 +1,5 @@
-"""Range-channel matrices to images: channels, features, network, decoding, as one torch module."""
+"""Range-channel matrices to images: channels, features, network, decoding, as one torch module; and what such a network
+is asked for, the inverse of the decoding."""
 
 from __future__ import annotations
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from shared.physics.errors import InputError
+from shared.physics.units import db_to_power
 from shared.radar import Radar
 from shared.signal.adaptive import AdaptiveTables, adaptive_tables
 from shared.signal.features import (
@@ -30,16 +32,17 @@ from trainer.networks.doa_cnn import LEAST_CHANNELS, DoaCnn
 from trainer.networks.unets import AttentionUNet, SpectralUNet
 from trainer.networks.unrolled import UnrolledNetwork, laid_out
 from trainer.run.configuration import FitConfig
-from trainer.run.targets import PROBABILITY, UNITS, decode
 
+AMPLITUDE = "sqrt(W)"
+PROBABILITY = "probability of a target"
+UNITS = {"row": AMPLITUDE, "paper": "relative to the image's peak", "class": PROBABILITY, "doa": PROBABILITY}
+"""Unit of the decoded image, by target."""
 CHANNELS = {
     "adaptive": ADAPTIVE_CHANNELS,
     "paper": PAPER_CHANNELS,
     "covariance": COVARIANCE_CHANNELS,
 }
 """What each kind of features consists of, where that is images; snapshots are no image."""
-
-
 LEAST_BINS = 3
 """Of the "doa-cnn": as many targets as a sample has stand in bins of their own."""
 MOST_PARAMETERS = 2**28
@@ -100,11 +103,55 @@ def in_bfloat16(config: FitConfig, device: str) -> bool:
     return config.precision == "bf16" and (device != "cpu" or has_bfloat16())
 
 
+def best_device() -> str:
+    """A GPU where there is one."""
+    return "cuda" if torch.cuda.is_available() else "cpu"
+
+
 def precision_remark(configs: Iterable[FitConfig]) -> str | None:
     """What a user should know if one of these networks is computed otherwise than its configuration says."""
-    device = "cuda" if torch.cuda.is_available() else "cpu"
-    other = any(config.precision == "bf16" and not in_bfloat16(config, device) for config in configs)
+    other = any(config.precision == "bf16" and not in_bfloat16(config, best_device()) for config in configs)
     return FLOAT32_INSTEAD if other else None
+
+
+def encode(
+    config: FitConfig, image: torch.Tensor, image_peak: torch.Tensor, row_scale: torch.Tensor | None
+) -> torch.Tensor:
+    """[B, R, U] what the network should answer.
+
+    "paper": min-max normalised per image, times beta; amplitudes are lost. "class": one where the truth is above a
+    stated level. "row": magnitude over the row's own RMS in the input, compressed; an echo falls with R^2, so that
+    min-max leaves nothing of what is beyond ten metres, while here every range bin weighs alike, and the input's RMS
+    turns the estimate back into sqrt(W).
+
+    :param image: [B, R, U] truth relative to its peak
+    :param image_peak: [B] [sqrt(W)]
+    :param row_scale: [B, R] RMS that the features took out [sqrt(W)], for the "row" target
+    """
+    if config.target == "class":
+        return (image > float(db_to_power(-config.threshold_db / 2.0))).to(image.dtype)
+    if config.target == "paper":
+        lowest = image.amin(dim=(-2, -1), keepdim=True)
+        span = image.amax(dim=(-2, -1), keepdim=True) - lowest
+        return config.beta * (image - lowest) / torch.where(span > 0, span, 1.0)
+    # The quotient comes first: two small numbers of one size neither under- nor overflow.
+    assert row_scale is not None
+    quotient = image_peak.to(image.dtype)[:, None] / torch.where(row_scale > 0, row_scale, torch.inf)
+    return (image * quotient[..., None]).pow(config.exponent)
+
+
+def decode(config: FitConfig, answer: torch.Tensor, row_scale: torch.Tensor | None) -> torch.Tensor:
+    """[B, R, U] image of a network's answer [B, 1 or 2, R, U]; not negative; in :data:`UNITS`."""
+    answer = answer.float()
+    if config.target == "class":
+        return answer.softmax(dim=1)[:, 1]
+    if config.target == "doa":
+        return answer[:, 0].sigmoid()
+    positive = answer[:, 0].clamp_min(0.0)
+    if config.target == "paper":
+        return positive / config.beta
+    assert row_scale is not None
+    return positive.pow(1.0 / config.exponent) * row_scale[..., None]
 
 
 def lay_out(network: nn.Module, memory_format: torch.memory_format) -> None:
@@ -194,7 +241,7 @@ class Imager(nn.Module):
         prior: torch.Tensor | None = None,
         place: torch.Tensor | None = None,
     ) -> tuple[torch.Tensor, torch.Tensor | None]:
-        """([B, R, U] image, see :data:`trainer.run.targets.UNITS`; [B, R, U] probability of a target, or None).
+        """([B, R, U] image, see :data:`UNITS`; [B, R, U] probability of a target, or None).
 
         A network without a detection head has no such probability, but where its image is one. With ``place`` the
         images are those of :func:`trainer.networks.unrolled.laid_out`, and B is 1.

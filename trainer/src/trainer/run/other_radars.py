@@ -1,13 +1,8 @@
-"""A run on the cube of another radar: what it needs to be the same, and what it may be told.
+"""A run on the cube of another radar: docs/measured.md says what may differ.
 
-The array enters a network's input through the elements' positions in wavelengths, and nothing else of the radar does:
-
-- chirps, their interval, samples, range bins, carrier, TX that take turns: any, exactly;
-- range step: any, exactly for points; what extends over several bins is as much larger or smaller as the bins are;
-- angles: those of the run's images, a choice and no property of the cube;
-- elements: each of the run's needs one of the cube's at its place in wavelengths, but for a common shift and stretch
-  (:func:`position_tolerance`, :data:`MOST_STRETCH`). The tables are made of the places where the cube's really stand,
-  so that nothing is displaced; the learned weights have seen the run's array alone.
+Only the elements' positions in wavelengths enter a network's input: each of the run's needs one of the cube's at its
+place but for a common shift and stretch (:func:`position_tolerance`, :data:`MOST_STRETCH`). The tables are made of the
+places where the cube's really stand; the learned weights have seen the run's array alone.
 """
 
 from __future__ import annotations
@@ -26,8 +21,7 @@ from trainer.run.imager import Imager
 ORDERED = ("paper", "covariance")
 """Features that know in which order the channels come."""
 MOST_STRETCH = 0.1
-"""Of 138 pairs half a cell apart at 20 dB the lines resolve 0.99, 1.00 and 0.98 at a stretch of 1, 0.9 and 1.1 with the
-shipped weights for sparse6, 0.98, 0.99 and 0.97 with those for sparse4; a lone target's level differs by 0.1 dB."""
+"""Costs next to nothing: docs/notes/measured.md."""
 STRETCHES = 81
 """Tried, in steps of 1/400: half a step moves the outermost of 24 wavelengths by 0.015."""
 RANGE_DIGITS = 1e-9

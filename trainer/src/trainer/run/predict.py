@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-import torch
 from numpy.typing import NDArray
 
 from shared.dataset import METADATA_KEY
@@ -168,7 +167,6 @@ def _open(request: PredictRequest, announce: Callable[[str], object]) -> tuple[A
         return answer_for_cubes(*loaded, str(request.run), found, announce, *about), measurements
     run, imager = loaded
     same_radar(run.radar, str(request.run), found, str(request.source))
-    imager.to("cuda" if torch.cuda.is_available() else "cpu")
     return network_answer(run, imager, None, found), measurements
 
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
@@ -162,13 +161,13 @@ class Predictor:
             points = find_detections(
                 images,
                 probability,
-                measurement.seen_by(self.answer.channels),
+                measurement.cells.seen_by(self.answer.channels),
                 self.answer.radar,
                 self.answer.line,
                 Sought(measurement.noise_power, level, self.listed.false_alarms),
             )
             points = with_moving(points, measurement.motion, self.answer.radar)
-        return Prediction(measurement, *merge_peaks(images, measurement.velocity), points)
+        return Prediction(measurement, *merge_peaks(images, measurement.cells.velocity), points)
 
 
 def merge_peaks(
@@ -198,5 +197,4 @@ def answer_for_cubes(
         announce(remark)
     if blind := sorted(set(channels.tolist()) & set(dead)):
         announce(f"the network looks at channels {blind} of {source}, which are dead")
-    fitted.to("cuda" if torch.cuda.is_available() else "cpu")
     return network_answer(run, fitted, channels, radar)

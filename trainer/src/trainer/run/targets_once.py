@@ -70,6 +70,7 @@ class Lines:
     :param cell: [N] Doppler cell
     :param u: [N] sin(azimuth); :param u_std: [N] its standard deviation
     :param level_db: [N] of the amplitude [dB re 1 sqrt(W)]
+    :param chirps: Doppler cells, a circle
     """
 
     group: NDArray[np.intp]
@@ -79,29 +80,30 @@ class Lines:
     u: NDArray[np.float64]
     u_std: NDArray[np.float64]
     level_db: NDArray[np.float64]
+    chirps: int
 
-    def _apart(self, index: int, others: NDArray[np.intp], chirps: int) -> tuple[NDArray, NDArray]:
+    def _apart(self, index: int, others: NDArray[np.intp]) -> tuple[NDArray, NDArray]:
         """How far others are from a line: range bins, and Doppler cells the short way round."""
-        cells = (self.cell[others] - self.cell[index] + 0.5 * chirps) % chirps - 0.5 * chirps
+        cells = (self.cell[others] - self.cell[index] + 0.5 * self.chirps) % self.chirps - 0.5 * self.chirps
         return np.abs(self.place[others] - self.place[index]), np.abs(cells)
 
-    def once(self, lines: NDArray[np.intp], near: float, chirps: int) -> NDArray[np.intp]:
+    def once(self, lines: NDArray[np.intp], near: float) -> NDArray[np.intp]:
         """Those that no group of more energy has at the same place."""
         order = lines[np.lexsort((self.group[lines], -self.energy[lines]))]
         kept = np.zeros(len(self.u), dtype=bool)
         for index, beside in self._neighbours(order, near):
             others = beside[kept[beside] & (self.group[beside] != self.group[index])]
-            bins, cells = self._apart(index, others, chirps)
+            bins, cells = self._apart(index, others)
             kept[index] = not ((bins < SAME_BINS) & (cells < 0.5)).any()
         return order[kept[order]]
 
-    def explained_by_none(self, lines: NDArray[np.intp], near: float, chirps: int, noise: float) -> NDArray[np.intp]:
+    def explained_by_none(self, lines: NDArray[np.intp], near: float, noise: float) -> NDArray[np.intp]:
         """The strongest first; without those that a stronger one's window explains, or it and ``noise`` [sqrt(W)]."""
         order = lines[np.argsort(-self.level_db[lines], kind="stable")]
         kept = np.zeros(len(self.u), dtype=bool)
         for index, beside in self._neighbours(order, near + DISPLACED * self.u_std[order]):
             others = beside[kept[beside] & (self.group[beside] != self.group[index])]
-            bins, cells = self._apart(index, others, chirps)
+            bins, cells = self._apart(index, others)
             window = hann_envelope_db(np.maximum(bins - 0.5, 0.0)) + hann_envelope_db(np.maximum(cells - 0.5, 0.0))
             there = (bins >= SAME_BINS) | (cells > 0.5)
             explained = np.sqrt(db_to_power(self.level_db[others] + window + LOBE_MARGIN_DB)) + noise

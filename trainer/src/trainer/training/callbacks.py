@@ -20,7 +20,7 @@ from shared.dataset.writing import atomic
 from shared.physics.errors import InputError, meant
 from trainer.run.folder import CHECKPOINT, METRICS, save_weights
 from trainer.run.pictures import panel
-from trainer.training.task import ImagingTask
+from trainer.training.task import Batch, ImagingTask
 
 TENSORBOARD, NONE = "tensorboard", "none"
 OTHERS = ("wandb", "mlflow")
@@ -103,23 +103,17 @@ class RunKeeper(Callback):
 
     def _report(self, trainer: Trainer, pl_module: LightningModule, values: dict[str, float], improved: bool) -> None:
         row: dict[str, Any] = {"step": trainer.global_step, **values}
-        if trainer.sanity_checking:
-            (self.directory / METRICS).unlink(missing_ok=True)  # of a run that was killed before its first checkpoint
-        self._append({name: row.get(name, "") for name in COLUMNS})
+        first = trainer.sanity_checking  # also of a run that was killed before its first checkpoint
+        with (self.directory / METRICS).open("w" if first else "a", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, COLUMNS)
+            if first:
+                writer.writeheader()
+            writer.writerow({name: row.get(name, "") for name in COLUMNS})
         shown = "  ".join(f"{name} {row[name]:.4g}" for name in COLUMNS[1:] if name in row)
         self.announce(f"step {trainer.global_step}  {shown}{'  (best)' if improved else ''}")
         if improved:
             assert isinstance(pl_module, ImagingTask)
             save_weights(self.directory, pl_module.imager, values.get("validation_gain", 1.0))
-
-    def _append(self, row: dict[str, Any]) -> None:
-        path = self.directory / METRICS
-        fresh = not path.is_file()
-        with path.open("a", newline="", encoding="utf-8") as handle:
-            writer = csv.DictWriter(handle, COLUMNS)
-            if fresh:
-                writer.writeheader()
-            writer.writerow(row)
 
 
 def require_checkpoint(path: Path) -> None:
@@ -174,10 +168,11 @@ class Interrupts(Callback):
         self._answer()
 
     def on_train_batch_end(self, *_: Any, **__: Any) -> None:
-        self._end()
+        if self.asked:
+            raise KeyboardInterrupt
 
     def on_validation_batch_end(self, *_: Any, **__: Any) -> None:
-        self._end()
+        self.on_train_batch_end()
 
     def _answer(self) -> dict[signal.Signals, Any]:
         """What answered before."""
@@ -190,22 +185,12 @@ class Interrupts(Callback):
             raise KeyboardInterrupt
         self.asked = True
 
-    def _end(self) -> None:
-        if self.asked:
-            raise KeyboardInterrupt
-
 
 class PictureLogger(Callback):
     """DaS, estimate and truth of the first validation frame into TensorBoard at every validation."""
 
     def on_validation_batch_end(
-        self,
-        trainer: Trainer,
-        pl_module: LightningModule,
-        outputs: Any,
-        batch: dict[str, torch.Tensor],
-        batch_idx: int,
-        dataloader_idx: int = 0,
+        self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Batch, batch_idx: int, *_: Any
     ) -> None:
         if batch_idx or not trainer.is_global_zero or not isinstance(trainer.logger, TensorBoardLogger):
             return

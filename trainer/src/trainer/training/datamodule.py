@@ -17,7 +17,7 @@ from shared.dataset.reading import radar_of
 from shared.physics.errors import InputError
 from shared.processes.pool import end_with_parent
 from shared.signal.windows import ANGLE_WINDOWS
-from trainer.data.shards import BatchOrder, ShardDataset
+from trainer.data.shards import ShardDataset
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import Fingerprint, same_radar, scene_records
 from trainer.training.task import ImagingTask
@@ -74,21 +74,7 @@ class ImagingData(LightningDataModule):
         )
 
     def train_dataloader(self) -> DataLoader:
-        """From the batch on that the restored module has not seen yet."""
-        trainer = self.trainer
-        assert trainer is not None
-        assert isinstance(trainer.lightning_module, ImagingTask)
-        world = trainer.world_size
-        order = BatchOrder(
-            [len(dataset) for dataset in self.training],
-            self.weights,
-            self.config.batch * world,
-            self.config.seed,
-            self.config.steps * self.config.accumulate,
-            first=trainer.lightning_module.batches_seen,
-            rank=trainer.global_rank,
-            world=world,
-        )
+        order = task_of(self).unseen_batches([len(dataset) for dataset in self.training], self.weights)
         return self._loader(ConcatDataset(self.training), batch_sampler=order)
 
     def val_dataloader(self) -> DataLoader:
@@ -106,6 +92,13 @@ class ImagingData(LightningDataModule):
             worker_init_fn=partial(_begin_reading, os.getpid()),
             **arguments,
         )
+
+
+def task_of(data: LightningDataModule) -> ImagingTask:
+    """What is trained on the data."""
+    assert data.trainer is not None
+    assert isinstance(data.trainer.lightning_module, ImagingTask)
+    return data.trainer.lightning_module
 
 
 def _begin_reading(parent: int, _worker: int) -> None:

@@ -5,8 +5,6 @@ One to three targets at random angles, one snapshot, noise at 3 to 30 dB below t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import torch
 from lightning.pytorch import LightningDataModule
@@ -16,6 +14,7 @@ from torch.utils.data import DataLoader, Dataset, Subset
 from shared.radar import Radar
 from shared.signal.signal import manifold
 from trainer.run.configuration import FitConfig
+from trainer.training.datamodule import task_of
 from trainer.training.task import Batch, ImagingTask
 
 MOST_TARGETS = 3
@@ -71,29 +70,21 @@ class DoaData(LightningDataModule):
 
     def __init__(self, config: FitConfig, radar: Radar) -> None:
         super().__init__()
-        self.config = config
-        self._training = config.steps * config.accumulate * config.batch
-        self._samples = (radar, config.seed)
-        self._rows = config.rows or SNAPSHOTS
+        self.config, self.radar = config, radar
 
     def train_dataloader(self) -> DataLoader:
-        trainer = self.trainer
-        assert trainer is not None
-        assert isinstance(trainer.lightning_module, DoaTask)
-        world, rank = trainer.world_size, trainer.global_rank
-        samples = DoaSamples(*self._samples, size=self._training * world, rows=self._rows)
-        batches = [
-            list(range((index * world + rank) * self.config.batch, (index * world + rank + 1) * self.config.batch))
-            for index in range(self._training // self.config.batch)
-        ]
-        return DataLoader(samples, batch_sampler=_UnseenBatches(batches, trainer.lightning_module.batches_seen))
+        samples = self._samples(0)
+        return DataLoader(samples, batch_sampler=task_of(self).unseen_batches([len(samples)], shuffled=False))
 
     def val_dataloader(self) -> DataLoader:
-        trainer = self.trainer
-        assert trainer is not None
-        seen = self._training * trainer.world_size
-        samples = DoaSamples(*self._samples, size=seen + VALIDATION_SAMPLES, rows=self._rows)
-        return DataLoader(Subset(samples, range(seen, seen + VALIDATION_SAMPLES)), batch_size=VALIDATION_SAMPLES)
+        samples = self._samples(VALIDATION_SAMPLES)
+        return DataLoader(Subset(samples, range(len(samples))[-VALIDATION_SAMPLES:]), batch_size=VALIDATION_SAMPLES)
+
+    def _samples(self, more: int) -> DoaSamples:
+        """Those that all processes train on, and behind them some more."""
+        config, world = self.config, task_of(self).trainer.world_size
+        size = config.steps * config.accumulate * config.batch * world
+        return DoaSamples(self.radar, config.seed, size + more, config.rows or SNAPSHOTS)
 
 
 class DoaTask(ImagingTask):
@@ -118,14 +109,3 @@ class DoaTask(ImagingTask):
         losses = losses.mean(dim=(-2, -1))
         self._refuse_not_finite(losses, batch["frame_id"])
         return losses.mean()
-
-
-class _UnseenBatches(list[list[int]]):
-    """The batches from ``first`` on; the length is that of all, which a progress bar needs."""
-
-    def __init__(self, batches: list[list[int]], first: int) -> None:
-        super().__init__(batches)
-        self.first = first
-
-    def __iter__(self) -> Iterator[list[int]]:
-        return iter(self[self.first :])

@@ -113,8 +113,7 @@ def fit(request: FitRequest, announce: Callable[[str], object] = print) -> Run:
     out, first = request.out, is_first()
     with output_folder(out, request.resume, "an empty or new folder, or --resume") if first else follower():
         data = ImagingData(request.datasets, request.weights, request.config, request.workers, request.check)
-        start, said = _start_of(request, data)
-        run = _run_of(request, data, start)
+        run, start, said = _begun(request, data)
         online = run.config.model == "doa-cnn"
         task = (DoaTask if online else ImagingTask)(run.config, run.radar, run.array)
         if start is not None:
@@ -154,32 +153,27 @@ def fit(request: FitRequest, announce: Callable[[str], object] = print) -> Run:
         return run
 
 
-def _start_of(request: FitRequest, data: ImagingData) -> tuple[Path | None, str]:
-    """(the run whose weights training begins with, what to say of a start that was not stated)."""
-    if request.start != SHIPPED:
-        return None if request.start is None else Path(request.start), ""
-    if request.resume and (request.out / RUN_FILE).is_file() and read_run(request.out).start is None:
-        return None, ""  # it began with random weights: so it was asked for, or nothing shipped did fit
-    return shipped_start(_config_of(request, data), data.radar, choose_array(request.array, data.radar))
-
-
-def _config_of(request: FitRequest, data: ImagingData, start: Path | None = None) -> FitConfig:
-    changes: dict[str, object] = {"truth_window": data.truth_window}
+def _begun(request: FitRequest, data: ImagingData) -> tuple[Run, Path | None, str]:
+    """(the run, that whose weights it begins with, what to say of a start that was not stated)."""
+    array = choose_array(request.array, data.radar)
+    config = request.config.model_copy(update={"truth_window": data.truth_window})
+    start, said = None if request.start is None else Path(request.start), ""
+    if request.start == SHIPPED:
+        # One that began with random weights was asked to, or nothing shipped did fit.
+        anew = request.resume and (request.out / RUN_FILE).is_file() and read_run(request.out).start is None
+        start, said = (None, "") if anew else shipped_start(config, data.radar, array)
     if start is not None and "learning_rate" not in request.config.model_fields_set:
-        changes["learning_rate"] = FURTHER_RATE
-    return request.config.model_copy(update=changes)
-
-
-def _run_of(request: FitRequest, data: ImagingData, start: Path | None) -> Run:
-    return Run(
-        config=_config_of(request, data, start),
+        config = config.model_copy(update={"learning_rate": FURTHER_RATE})
+    run = Run(
+        config=config,
         radar=data.radar,
-        array=choose_array(request.array, data.radar),
+        array=array,
         datasets=data.fingerprints,
         weights=tuple(request.weights) if request.weights else None,
         versions=versions(),
         start=None if start is None else Start.of(start),
     )
+    return run, start, said
 
 
 def _summary(run: Run, task: LightningModule) -> str:
@@ -197,6 +191,9 @@ def _trainer(config: FitConfig, curves: Logger | bool, callbacks: list[Callback]
     :param launch: (processes of this machine, machines)
     """
     stops = [EarlyStopping(LOSS, patience=config.patience)] if config.patience else []
+    # At most validate_every, in equal parts that end with the run: what is learned after the last one is lost. Of
+    # a number of steps that does not divide, fewer are than there are validations.
+    between = config.steps // math.ceil(config.steps / config.validate_every)
     return Trainer(
         accelerator="auto",
         devices=launch[0],
@@ -205,7 +202,7 @@ def _trainer(config: FitConfig, curves: Logger | bool, callbacks: list[Callback]
         max_steps=config.steps,
         accumulate_grad_batches=config.accumulate,
         gradient_clip_val=config.clip,
-        val_check_interval=_validation_interval(config) * config.accumulate,
+        val_check_interval=between * config.accumulate,
         check_val_every_n_epoch=None,
         num_sanity_val_steps=-1,  # all frames before the first step; not of a run that is resumed
         log_every_n_steps=10,
@@ -220,31 +217,19 @@ def _trainer(config: FitConfig, curves: Logger | bool, callbacks: list[Callback]
     )
 
 
-def _validation_interval(config: FitConfig) -> int:
-    """Steps from one validation to the next: at most ``validate_every``, in equal parts that end with the run.
-
-    What is learned after the last validation is lost. Of a number of steps that does not divide, fewer are than there
-    are validations.
-    """
-    return config.steps // math.ceil(config.steps / config.validate_every)
-
-
 def _prepare(out: Path, run: Run, resume: bool) -> None:
     """Note the run, or check that the one in the folder is this one."""
-    if not resume or _killed_at_its_note(out):
+    noted = (out / RUN_FILE).is_file()
+    # A run that was killed while it wrote the first of its files has nothing yet to go on with.
+    if not resume or (not noted and (out / (RUN_FILE + PARTIAL)).exists()):
         write_run(out, run)
         return
-    if not (out / RUN_FILE).is_file():
+    if not noted:
         raise InputError("--resume", f"{out} holds no run", "the folder of an earlier trainer fit")
     before = read_run(out)
     for part in ("config", "radar", "array", "weights", "datasets", "start"):
         _same(out, part, getattr(before, part), getattr(run, part))
     remove_partial(out)
-
-
-def _killed_at_its_note(out: Path) -> bool:
-    """Whether a run ended while it wrote the first of its files: there is nothing yet to go on with."""
-    return not (out / RUN_FILE).exists() and (out / (RUN_FILE + PARTIAL)).exists()
 
 
 def _same(out: Path, part: str, before: object, now: object) -> None:

@@ -42,7 +42,7 @@ from shared.radar import Radar
 from shared.signal.signal import manifold
 from shared.signal.windows import cell_noise_power, hann
 from trainer.run.configuration import Imperfections
-from trainer.training.online_points import hann_response
+from trainer.training.online_points import hann_spectrum
 
 STREAM = 2
 """Third entry of a board's seed: :mod:`trainer.training.augmentation` has none, online points have 1."""
@@ -201,7 +201,7 @@ class BoardErrors:
         # The largest is divided out: no product leaves single precision.
         unit = snapshots.abs().max().clamp_min(1e-30)
         seen = (snapshots / unit) @ moved(board.matrix).T * moved(self._turned(board, row))
-        seen = seen + noise_power.sqrt().float() / unit * moved(hann_response(row)[:, None] * board.leakage)
+        seen = seen + noise_power.sqrt().float() / unit * moved(hann_spectrum(row)[:, None] * board.leakage)
         seen = seen + self._sidebands(row, generator, device) @ seen
         if self._quantisation:
             strongest = seen.abs().square().sum(0).max().sqrt() * 10.0 ** (self.imperfections.headroom_db / 20.0)

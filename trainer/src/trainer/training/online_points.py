@@ -29,6 +29,7 @@ from shared.signal.imaging import steering_matrix
 from shared.signal.tdm import turns
 from shared.signal.windows import angle_window
 from trainer.estimators.array import line_array
+from trainer.estimators.fitting import hann_response
 from trainer.metrics.cells import visible_cells
 from trainer.training.losses import spots
 
@@ -91,7 +92,8 @@ def draw_targets(generator: np.random.Generator, rows: int, radar: Radar) -> Tar
     first_m = _log_uniform(generator, (min(NEAREST_M, last_m), last_m))
     # Targets start one row outside the crop: their echoes reach into it.
     groups = generator.poisson(_log_uniform(generator, GROUPS_PER_ROW) * (rows + 1))
-    parts, extended = [_no_scatterers()], np.empty((0, 3))
+    parts: list[Scatterers] = [(np.empty(0), np.empty(0), np.empty(0, np.complex128), np.empty(0, np.bool_))]
+    extended = np.empty((0, 3))
     for row in generator.uniform(-1.0, rows, groups):
         level_db = generator.uniform(*LEVEL_DB) + FLASH_DB * (generator.random() < FLASH)
         if generator.random() < EXTENDED:
@@ -103,10 +105,6 @@ def draw_targets(generator: np.random.Generator, rows: int, radar: Radar) -> Tar
             parts.append(_points(generator, row, cell, level_db))
     row, u, amplitude, point = (np.concatenate(column) for column in zip(*parts, strict=True))
     return Targets(row, u, amplitude, point.astype(bool), first_m / waveform.range_step_m, extended)
-
-
-def _no_scatterers() -> Scatterers:
-    return np.empty(0), np.empty(0), np.empty(0, dtype=np.complex128), np.empty(0, dtype=bool)
 
 
 def _points(generator: np.random.Generator, row: float, cell: float, level_db: float) -> Scatterers:
@@ -229,7 +227,7 @@ class OnlinePoints:
         for offset in NEIGHBOURS:
             place = np.floor(row).astype(int) + offset
             inside = (place >= 0) & (place < rows)
-            weight = (amplitude * hann_response(row - place))[inside].astype(np.complex64)
+            weight = (amplitude * hann_spectrum(row - place))[inside].astype(np.complex64)
             target = torch.from_numpy((crop * rows + place)[inside]).to(device)
             seen.index_add_(0, target, torch.from_numpy(weight)[:, None].to(device) * echo[torch.from_numpy(inside)])
         seen = seen.reshape(crops, rows, -1)
@@ -251,8 +249,6 @@ class OnlinePoints:
         return torch.from_numpy(np.stack(made))
 
 
-def hann_response(offset: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Spectrum of the periodic Hann window over its sum, ``offset`` bins from the peak; many samples."""
-    poles = np.isclose(np.abs(offset), 1.0, atol=1e-9)
-    magnitude = np.where(poles, 0.5, np.sinc(offset) / np.where(poles, 1.0, 1.0 - offset**2))
-    return magnitude * np.exp(1j * np.pi * offset)
+def hann_spectrum(offset: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Of the periodic Hann window over its sum, ``offset`` bins from the peak; many samples."""
+    return hann_response(offset) * np.exp(1j * np.pi * offset)

@@ -60,7 +60,8 @@ def configuration(recipe: str = "recommended", given: Changes | None = None, fil
     stated = {name: value for name, value in (given or {}).items() if value is not None}
     from_file = {} if file is None else _fields_of(file)
     source = "trainer fit" if file is None else f"trainer fit with {file}"
-    return validated(FitConfig, {**_device(), **RECIPES[recipe], **from_file, **stated}, source)
+    device = GPU if torch.cuda.is_available() else {"precision": "bf16" if has_bfloat16() else "32"}
+    return validated(FitConfig, {**device, **RECIPES[recipe], **from_file, **stated}, source)
 
 
 def _fields_of(path: Path) -> Changes:
@@ -70,13 +71,6 @@ def _fields_of(path: Path) -> Changes:
     if unknown := [name for name in fields if name not in known]:
         raise InputError(path, f"unknown field {unknown[0]!r}", f"one of {', '.join(known)}{meant(unknown[0], known)}")
     return fields
-
-
-def _device() -> Changes:
-    """A GPU's fields; on a processor bfloat16 where it computes in it."""
-    if torch.cuda.is_available():
-        return GPU
-    return {"precision": "bf16" if has_bfloat16() else "32"}
 
 
 SHIPPED = "shipped"

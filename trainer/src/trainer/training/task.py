@@ -16,11 +16,11 @@ from shared.radar import Radar
 from shared.signal.adaptive import scanned_angles
 from trainer.data.arrays import ArrayChoice
 from trainer.data.motion import known_world
+from trainer.data.shards import BatchOrder
 from trainer.errors import TrainingStopped
 from trainer.metrics.image import nmse_best_scaled
 from trainer.run.configuration import FitConfig
-from trainer.run.imager import Imager, lay_out
-from trainer.run.targets import decode, encode
+from trainer.run.imager import Imager, decode, encode, lay_out
 from trainer.training.augmentation import AngularAugmentation, Draw, draw
 from trainer.training.imperfections import BoardErrors
 from trainer.training.losses import frame_losses, scene_spots
@@ -123,6 +123,19 @@ class ImagingTask(LightningModule):
 
         schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, factor)
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+    def unseen_batches(
+        self, sizes: Sequence[int], weights: Sequence[float] | None = None, shuffled: bool = True
+    ) -> BatchOrder:
+        """Of this process, from the batch on that the restored module has not seen yet.
+
+        :param sizes, weights: see :class:`trainer.data.shards.BatchOrder`
+        """
+        config, world = self.config, self.trainer.world_size
+        return BatchOrder(
+            sizes, weights, config.batch * world, config.seed if shuffled else None, config.steps * config.accumulate,
+            first=self.batches_seen, rank=self.trainer.global_rank, world=world,
+        )  # fmt: skip
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         checkpoint["batches_seen"] = self.batches_seen

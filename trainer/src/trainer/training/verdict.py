@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from shared.dataset.folder import open_dataset
@@ -39,9 +38,8 @@ from trainer.metrics.image import nmse, nmse_best_scaled
 from trainer.metrics.ranking import average_precision, pooled
 from trainer.run.answers import Answer, array_answer, network_answer
 from trainer.run.folder import Run, load_imager, read_run, same_radar
-from trainer.run.imager import Imager
+from trainer.run.imager import AMPLITUDE, PROBABILITY, Imager
 from trainer.run.pictures import save_comparison
-from trainer.run.targets import AMPLITUDE, PROBABILITY
 from trainer.training.start import begin_with
 
 Image = NDArray[np.float32]
@@ -207,16 +205,15 @@ def _with_ends(intervals: Mapping[str, Interval]) -> dict[str, Interval]:
 
 def _answers(run: Run, imager: Imager, start: Path | None) -> dict[str, Answer]:
     """The methods, by their names in :data:`NAMES`."""
-    device = "cuda" if torch.cuda.is_available() else "cpu"
     full = choose_array("full", run.radar)
     answers: dict[str, Answer] = {name: array_answer(name, run.array, run.radar) for name in (DAS, *VIEWS)}
-    answers[NETWORK] = network_answer(run, imager.to(device))
+    answers[NETWORK] = network_answer(run, imager)
     if start is not None:
         # As it was, whether it was told the motion or not.
         config = run.config.model_copy(update={"told": read_run(start).config.told})
         begun = Imager(config, run.radar, run.array)
         begun.gain = begin_with(begun, config, start)
-        answers[START] = network_answer(run, begun.eval().to(device))
+        answers[START] = network_answer(run, begun.eval())
     if run.array.rx != full.rx:
         answers[EVERY] = array_answer(VIEWS[-1], full, run.radar)
     return answers

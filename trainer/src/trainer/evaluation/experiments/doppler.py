@@ -28,7 +28,7 @@ from trainer.evaluation.report.page import doppler_map
 from trainer.evaluation.report.tables import Numbers
 from trainer.evaluation.store import Values
 from trainer.metrics.detection import find_image_peaks
-from trainer.run.targets import PROBABILITY
+from trainer.run.imager import PROBABILITY
 
 MOST_FRAMES = 8
 """Each is three images."""

@@ -35,7 +35,7 @@ from trainer.metrics.detection import (
 from trainer.metrics.image import SPAN_DB, SSIM_WINDOW, nmse, nmse_best_scaled, ssim
 from trainer.metrics.ranking import Ranking, pooled
 from trainer.metrics.residual import explain
-from trainer.run.targets import AMPLITUDE
+from trainer.run.imager import AMPLITUDE
 
 CELLS = "frames"
 STRICT_PROMINENCE = 0.05

@@ -134,7 +134,7 @@ class Measured(Experiment):
                     self._pictures[key] = {"image": images[0], "u": measured.radar.grid.u}
         for name, answer in self._networks:
             key, u = (name, answer.array.name), answer.radar.grid.u
-            images, _ = answer.images(frame.range_channel, Told(frame.noise_power, frame.model_error_db))
+            images, _ = answer.images(frame.cells.range_channel, Told(frame.noise_power, frame.model_error_db))
             if measured.radar is not None:
                 self._pictures[key] = {"image": images[0], "u": u}
             spectrum = images[0, measured.row].astype(np.float64)

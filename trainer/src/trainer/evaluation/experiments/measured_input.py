@@ -17,7 +17,7 @@ from shared.signal.model_error import UNCALIBRATED_DB, model_error_ratio
 from shared.signal.tdm import averaged
 from trainer.captures.reading import read_arrays
 from trainer.data.arrays import ArrayChoice
-from trainer.data.measurements import Measurement, open_measurements
+from trainer.data.measurements import Cells, Measurement, open_measurements
 from trainer.estimators.base import LineArray, line_array
 
 CARRIER_HZ = 77e9
@@ -104,7 +104,7 @@ def read_measured(
     sets.update({f"first {first}": everything[:first] for first in FIRST if first < len(snapshot)})
     error = UNCALIBRATED_DB if model_error_db is None else model_error_db
     rows = (np.array(HANN)[:, None] * snapshot).astype(np.complex64)[None]
-    frame = Measurement(path.stem, 0, rows, np.zeros(rows.shape[:2], np.float32), 0.0, None, error)
+    frame = Measurement(path.stem, 0, Cells(rows, np.zeros(rows.shape[:2], np.float32)), 0.0, None, error)
     places = half_wavelength_line(everything).positions_m
     return MeasuredInput(path, snapshot, places, WAVELENGTH_M, AXIS, sets, targets, frame, HANN.index(1.0), everything)
 
@@ -177,7 +177,7 @@ def _of_cube(path: Path, targets: int | None, range_m: float | None, model_error
     if not len(used):
         raise InputError(path, f"all {radar.array.channels} channels are dead", "a channel with an echo")
     unused = np.setdiff1d(np.arange(radar.array.channels), used)
-    rows, places = averaged(frame.range_channel[0], radar, unused)
+    rows, places = averaged(frame.cells.range_channel[0], radar, unused)
     element = np.full(radar.array.channels, -1, dtype=np.intp)
     element[used] = np.unique(radar.array.unique_elements(radar.waveform.wavelength_m)[1][used], return_inverse=True)[1]
     step, bins = radar.waveform.range_step_m, radar.waveform.range_bins
@@ -189,7 +189,8 @@ def _of_cube(path: Path, targets: int | None, range_m: float | None, model_error
         if not 0 <= row < bins:
             raise InputError("--range", f"{range_m:g} m", f"0 to {(bins - 1) * step:.4g} m, which {path} holds")
     error = frame.model_error_db if model_error_db is None else model_error_db
-    strongest = replace(frame, range_channel=frame.range_channel[:1], velocity=frame.velocity[:1], model_error_db=error)
+    cells = Cells(frame.cells.range_channel[:1], frame.cells.velocity[:1])
+    strongest = replace(frame, cells=cells, model_error_db=error)
     u = np.arange(radar.grid.u_start, radar.grid.u_stop, AXIS_STEP)
     return MeasuredInput(
         path, rows[row].astype(np.complex128), places[:, 1], radar.waveform.wavelength_m, u,

@@ -17,7 +17,7 @@ from trainer.evaluation.report.figures import Look, draw_bar, panels
 from trainer.evaluation.report.tables import Condition, Numbers, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.metrics.peaks import false_alarms, noise_level
-from trainer.run.targets import AMPLITUDE, PROBABILITY
+from trainer.run.imager import AMPLITUDE, PROBABILITY
 
 FRAMES = 8
 LEVEL_PROBABILITY = 1e-4

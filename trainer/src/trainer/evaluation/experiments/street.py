@@ -32,7 +32,7 @@ from trainer.evaluation.report.page import (
 )
 from trainer.evaluation.report.tables import TRUTH, Numbers
 from trainer.evaluation.store import Values
-from trainer.run.targets import AMPLITUDE
+from trainer.run.imager import AMPLITUDE
 
 
 class Street(FrameByFrame):

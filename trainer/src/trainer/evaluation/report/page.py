@@ -28,7 +28,7 @@ from shared.physics.errors import InputError
 from shared.pictures import COLOUR_MAP, level_db, range_weighted
 from shared.radar import Radar
 from shared.signal.spectrum import range_doppler
-from trainer.run.targets import AMPLITUDE, PROBABILITY
+from trainer.run.imager import AMPLITUDE, PROBABILITY
 
 REPORT_SPAN_DB = 60.0
 """Levels that the report keeps below 0 dB."""
