@@ -193,7 +193,7 @@ def test_the_expected_power_of_ground_and_of_a_thin_pole_stays():
     for column, fan in enumerate(fans):
         for row, sent in enumerate((fan, aimed(fan, view))):
             bundle = echoes(view, sent)
-            pole = bundle.objects[:, 0] == 1
+            pole = view.merged.owner[bundle.triangles[:, 0]] == 1
             power = powers(bundle, sent)
             totals[row, column] = power[~pole].sum(), power[pole].sum()
     means, errors = totals.mean(axis=1), totals.std(axis=1) / np.sqrt(len(fans))

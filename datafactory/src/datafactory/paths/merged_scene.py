@@ -24,7 +24,7 @@ from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.motion import Moving, Track, Vector, drift, triple
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import ZERO, PointTarget, Scene, SceneObject
-from shared.physics.vectors import Index, Mask, Real, taken
+from shared.physics.vectors import Index, Mask, Real
 
 Value = TypeVar("Value")
 
@@ -221,6 +221,10 @@ class MergedScene:
         """[M, 3] of the meshes, in the world [m/s]."""
         return np.array([mesh.velocity for mesh in self.meshes]).reshape(-1, 3)
 
+    def object_of_target(self, target: NDArray[np.int32]) -> NDArray[np.int32]:
+        """[K] index into ``objects`` of the targets of these numbers [K]."""
+        return (len(self.objects) - len(self.targets) + target).astype(np.int32)
+
     def carried(self, triangle: Index, point: Real, mesh: Index) -> Carried:
         """Of points on meshes that turn: which they are, where they are at time 0, and their velocities.
 
@@ -313,16 +317,3 @@ def _motion_of(item: SceneObject) -> tuple[Vector, Hashable]:
     if isinstance(item.motion, Moving):
         return ZERO, ("turns", item.motion.body)
     return item.velocity, item.motion
-
-
-def velocities_on(merged_scene: MergedScene, pose: Pose, triangle: Index, point: Real) -> Real:
-    """[n, 3] velocities relative to the radar, in its frame, of points on triangles [m/s].
-
-    :param triangle: [n] all meshes' triangles one after another; :param point: [n, 3] in the radar frame [m]
-    """
-    mesh, rotation, own = merged_scene.mesh_of_triangle[triangle], pose.rotation(), np.asarray(pose.velocity)
-    velocity = taken((merged_scene.velocities - own) @ rotation, mesh)
-    if merged_scene.turns:
-        carried = merged_scene.carried(triangle, point @ rotation.T + np.asarray(pose.position), mesh)
-        velocity[carried.index] = (carried.velocity - own) @ rotation
-    return velocity

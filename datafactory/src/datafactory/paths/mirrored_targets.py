@@ -50,7 +50,8 @@ DIRECT = -1
 class DirectWays:
     """The echo points of all targets as the radar sees them directly.
 
-    :param points: K echo points, silent ones among them; :param circumstances: under which they are seen
+    :param points: K echo points in the radar frame, silent ones among them
+    :param circumstances: under which they are seen
     :param sent, received: [K] fields for the polarisations of TX and RX over those of free space; 0 where hidden
     :param kinds: [K] kinds of interaction of a direct echo
     """
@@ -69,9 +70,8 @@ def echoes_over_mirrors(view: View, direct: DirectWays, wanted: Mask) -> tuple[S
     :return: the paths, their candidates numbers of the echo points; the numbers of ways over mirrors, of weaker ways
         left out, and of pairs of ways too far apart
     """
-    position = (direct.points.position - np.asarray(view.pose.position)) @ view.rotation
     chosen = np.flatnonzero(wanted)
-    every = ways_over_mirrors(view, position[chosen])
+    every = ways_over_mirrors(view, direct.points.position[chosen])
     every = replace(every, point=chosen[every.point])
     mirrors = _strongest(every)
     ways = Ways.joined([_direct(direct, mirrors, view), mirrors])
@@ -89,7 +89,7 @@ def echoes_over_mirrors(view: View, direct: DirectWays, wanted: Mask) -> tuple[S
     tx, rx = (AXES.index(which) for which in view.settings.polarization)
     field = np.einsum("ki,ki->k", out.sent, back.received) if tx == rx else out.sent[:, tx] * back.received[:, rx]
     there, here = out.image(seen.position), back.image(seen.position)
-    level = view.wavelength_m * np.sqrt(seen.rcs_m2) / (4.0 * np.pi) ** 1.5 / (lengths(there) * lengths(here))
+    level = seen.amplitudes(view.wavelength_m) / (lengths(there) * lengths(here))
     straight = (out.triangle == DIRECT) | (back.triangle == DIRECT)
     paths = ScatteredPaths(
         tx_point=there,
@@ -100,7 +100,7 @@ def echoes_over_mirrors(view: View, direct: DirectWays, wanted: Mask) -> tuple[S
         between_rate_mps=np.zeros(len(field)),
         amplitude=level * field,
         depth=np.where(straight, 2, 3).astype(np.int8),
-        object_index=(len(view.merged.objects) - len(view.merged.targets) + seen.target).astype(np.int32),
+        object_index=view.merged.object_of_target(seen.target),
         kinds=(SPECULAR | np.where(straight, direct.kinds[out.point], TARGET)).astype(np.uint8),
         candidate=out.point.astype(np.int32),
     )
@@ -135,8 +135,8 @@ def _seen_along(view: View, direct: DirectWays, ways: Ways, out: Index, back: In
     place = number - np.searchsorted(direct.points.target, target)  # which of the target's points
     key = np.stack([target, *np.sort([ways.triangle[out], ways.triangle[back]], axis=0)], axis=1)
     keys, which = np.unique(key, axis=0, return_inverse=True)
-    here, rotation = np.asarray(view.pose.position, dtype=np.float64), view.rotation
-    radars = dict(zip(ways.triangle.tolist(), here + ways.image(np.zeros(3)) @ rotation.T, strict=True))
+    images = np.asarray(view.pose.position, dtype=np.float64) + ways.image(np.zeros(3)) @ view.rotation.T
+    radars = dict(zip(ways.triangle.tolist(), images, strict=True))
     parts, begins, count = [direct.points.take(np.zeros(0, dtype=np.int64))], np.full(len(keys), -1), 0
     for index, (item, one, other) in enumerate(keys.tolist()):
         origin = np.array(view.merged.targets[item].position)
@@ -150,9 +150,4 @@ def _seen_along(view: View, direct: DirectWays, ways: Ways, out: Index, back: In
         parts.append(seen_from(view.merged.targets[item], item, radar, direct.circumstances))
         begins[index], count = count, count + len(parts[-1])
     begin = begins[which.reshape(-1)]
-    seen = EchoPoints.joined(parts).take((begin + place)[begin >= 0])
-    return replace(
-        seen,
-        position=(seen.position - here) @ rotation,
-        velocity=(seen.velocity - np.asarray(view.pose.velocity)) @ rotation,
-    ), begin >= 0
+    return EchoPoints.joined(parts).take((begin + place)[begin >= 0]).seen_by(view.pose), begin >= 0

@@ -18,7 +18,7 @@ the same length is
     g = conj(R e) sqrt(1 - S^2) F,
 
 with R e what the slab reflects of the radar's unit field (TE and TM of ITU-R P.2040,
-:func:`datafactory.paths.slabs.reflected_fields`).
+:func:`datafactory.paths.slabs.fields_beyond`).
 
 The loss of a rough surface is sqrt(1 - S^2), here as in every other path of the table; it does not depend on the angle.
 Heights with a normal distribution of rms h leave exp(-2 (k h sin psi)^2) at the grazing angle psi (Ament, Toward a
@@ -42,7 +42,7 @@ from datafactory.paths.facets import COPLANAR_M
 from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.panes import AXES, FAINTEST, NEAREST_M, Polarization, panes_between, polarization_axis
-from datafactory.paths.slabs import LEAST_COSINE, reflected_fields
+from datafactory.paths.slabs import LEAST_COSINE, fields_beyond
 from datafactory.paths.table import REFRACTED, SPECULAR, SpecularPaths
 from datafactory.paths.view import View
 from shared.physics.compiled import compiled
@@ -236,7 +236,7 @@ def _clear(view: View, foot: Real, triangle: Index, position: Real) -> Mask:
 def _field_at_point(towards: Real, normal: Real, te: Complex, tm: Complex, polarization: Polarization) -> Complex:
     """[W, 2] components along theta^ and phi^ of what mirrors make of the radar's unit field."""
     field = polarization_axis(towards, polarization).astype(np.complex128)
-    onward, reflected = reflected_fields(towards, normal, field, te, tm)
+    onward, reflected = fields_beyond(towards, normal, field, te, tm, True)
     return np.stack([np.einsum("wi,wi->w", reflected, polarization_axis(onward, axis)) for axis in AXES], axis=1)
 
 

@@ -36,6 +36,7 @@ from datafactory.paths.diffraction import (
     field_over_edges,
     rays_over_edges,
 )
+from datafactory.paths.echo_points import EchoPoints
 from datafactory.paths.panes import polarization_axis
 from datafactory.paths.table import DIFFRACTED, TARGET, ScatteredPaths
 from datafactory.paths.view import View
@@ -66,41 +67,27 @@ class _Legs:
     received: Complex
 
 
-@dataclass(frozen=True)
-class Hidden:
-    """T point targets that the radar, at the origin, does not see directly.
-
-    :param position: [T, 3] [m]; :param velocity: [T, 3] relative to the radar [m/s]
-    :param rcs_m2: [T] radar cross sections for the polarisation received; :param object_index: [T]
-    """
-
-    position: Real
-    velocity: Real
-    rcs_m2: Real
-    object_index: NDArray[np.int32]
-
-
 def echoes_round_corners(
-    view: View, hidden: Hidden, edges_per_target: int = EDGES_PER_TARGET
+    view: View, hidden: EchoPoints, edges_per_target: int = EDGES_PER_TARGET
 ) -> tuple[ScatteredPaths, dict[str, int]]:
     """Echoes of hidden targets. Cross-polar, the target is reached by the one polarisation and heard by the other.
 
+    :param hidden: from the radar, in its frame; their cross sections are for the polarisation received
     :param edges_per_target: number of edges used for each target, the strongest ones, out and back in every combination
     :return: the paths, their candidates numbers of the targets, and the numbers of targets reached, of targets not
         reached, and of weaker edges left out
     """
     parts = [ScatteredPaths.none()]
     reached = weaker = 0
-    scale = view.wavelength_m * np.sqrt(hidden.rcs_m2) / (4.0 * np.pi) ** 1.5
-    count = len(hidden.position)
+    count = len(hidden)
     for first in range(0, count, TARGETS_AT_ONCE):
-        here = slice(first, first + TARGETS_AT_ONCE)
-        rays = rays_over_edges(view.edges, ORIGIN, hidden.position[here], view.wavelength_m)
-        rays = rays.take(_both_legs_clear(view, rays, hidden.position[here]))
-        legs, left = _legs_over(view, rays, hidden.velocity[here], edges_per_target)
+        here = hidden.take(np.arange(first, min(first + TARGETS_AT_ONCE, count)))
+        rays = rays_over_edges(view.edges, ORIGIN, here.position, view.wavelength_m)
+        rays = rays.take(_both_legs_clear(view, rays, here.position))
+        legs, left = _legs_over(view, rays, here.velocity, edges_per_target)
         reached += len(np.unique(legs.target))
         weaker += left
-        paths = _round_trips(legs, scale[here], hidden.object_index[here])
+        paths = _round_trips(legs, here.amplitudes(view.wavelength_m), view.merged.object_of_target(here.target))
         parts.append(replace(paths, candidate=paths.candidate + first))
     counts = {
         "targets_round_corners": reached,

@@ -56,7 +56,6 @@ from datafactory.paths.chains import chain_candidates
 from datafactory.paths.corner_edges import corners_of
 from datafactory.paths.panes import AXES, polarization_axis
 from datafactory.paths.scattering import share_at
-from datafactory.paths.slabs import passed_fields, reflectivity
 from datafactory.paths.table import DIFFUSE, SPECULAR
 from datafactory.paths.view import Hits
 from shared.physics.compiled import compiled
@@ -86,18 +85,10 @@ def over_mirrors(first: Arrivals) -> list[Echoes]:
 
 def through_panes(arrivals: Arrivals) -> tuple[Arrivals, Hits]:
     """Where those waves arrive next that meet a pane and go on through it, and where they met it."""
-    view = arrivals.view
-    met = arrivals.take(view.slabs.lets_through[arrivals.hits.mesh])
+    met = arrivals.take(arrivals.view.slabs.lets_through[arrivals.hits.mesh])
     waves, panes = met.waves, met.hits
-    field = passed_fields(
-        waves.direction, panes.normal, waves.field, *view.slabs.transmission(panes.mesh, panes.cosine)
-    )
-    departing = replace(waves, lifted=panes.clear(-1.0), field=field)
-    index, hits = view.hit_by(departing)
-    te, tm = view.slabs.reflection(hits.mesh, hits.cosine)
-    beyond = replace(
-        met, waves=departing.arrived(index, hits), hits=hits, te=te, tm=tm, ratio=met.ratio[index], ray=met.ray[index]
-    )
+    field = met.view.slabs.passed(panes.mesh, waves.direction, panes.normal, waves.field)
+    beyond, index = met.followed(replace(waves, lifted=panes.clear(-1.0), field=field), met.kinds)
     return beyond, panes.take(index)
 
 
@@ -106,10 +97,8 @@ def behind_panes(first: Arrivals) -> Echoes:
     beyond, panes = through_panes(first)
     waves = beyond.waves
     turned = _turned_back(waves.field, polarization_axis(waves.direction, "V"))
-    te, tm = first.view.slabs.transmission(panes.mesh, panes.cosine)
-    back = passed_fields(waves.direction, panes.normal, turned, te, tm)
-    kept = reflectivity(waves.direction, beyond.hits.normal, waves.field, beyond.te, beyond.tm)
-    return beyond.heard(np.arange(len(back)), back, kept, 2)
+    back = first.view.slabs.passed(panes.mesh, waves.direction, panes.normal, turned)
+    return beyond.heard(np.arange(len(back)), back, beyond.reflectivity(), 2)
 
 
 @compiled()
@@ -152,8 +141,7 @@ def _scattered(arrivals: Arrivals, random: Real) -> Arrivals:
     """
     view, waves, hits = arrivals.view, arrivals.waves, arrivals.hits
     direction, weight = _drawn(waves.direction, hits.normal, view.lobes[hits.mesh], random)
-    kept = reflectivity(waves.direction, hits.normal, waves.field, arrivals.te, arrivals.tm)
-    kept *= view.slabs.scattering[hits.mesh] * np.sqrt(weight)
+    kept = arrivals.reflectivity() * view.slabs.scattering[hits.mesh] * np.sqrt(weight)
     field = np.zeros(waves.field.shape, dtype=np.complex128)
     for which in AXES:
         part = np.einsum("ni,ni->n", waves.field, polarization_axis(waves.direction, which)) * kept

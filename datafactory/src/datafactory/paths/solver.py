@@ -27,13 +27,12 @@ from datafactory.defaults import DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH
 from datafactory.paths.backend import select_variant
 from datafactory.paths.columns import Columns
 from datafactory.paths.geometry import Geometry, name_of
-from datafactory.paths.merged_scene import MergedScene, velocities_on
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import LOBE_EXPONENT, MIRROR_SHARE
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR
 from datafactory.scenes.materials.table import Material
-from datafactory.scenes.poses import Pose
 from shared.physics.vectors import Complex, Index, Mask, Real
 from shared.radar.front_end import Polarization
 
@@ -123,17 +122,15 @@ class Bundle(Columns):
 
     vertices: Real  # [n, depth, 3]
     interactions: Index  # [n, depth] SPECULAR or DIFFUSE, 0 beyond the path's end
-    objects: Index  # [n, depth] index into the merged scene's objects, -1 beyond the end
     triangles: Index  # [n, depth] index into the merged scene's triangles, -1 beyond the end
-    velocities: Real  # [n, depth, 3] relative to the radar
     crossings: Index  # [n] panes passed
     amplitude: Complex  # [n]
 
     @staticmethod
     def none(depth: int) -> Bundle:
         """No paths, of at most ``depth`` bounces."""
-        whole, vectors = np.zeros((0, depth), dtype=np.int64), np.zeros((0, depth, 3))
-        return Bundle(vectors, whole, whole, whole, vectors, whole[:, 0], np.zeros(0, dtype=np.complex128))
+        whole = np.zeros((0, depth), dtype=np.int64)
+        return Bundle(np.zeros((0, depth, 3)), whole, whole, whole[:, 0], np.zeros(0, dtype=np.complex128))
 
     @property
     def scatterings(self) -> int:
@@ -148,9 +145,12 @@ class Bundle(Columns):
 
     def cut(self, depth: int) -> Bundle:
         """The same paths without the columns beyond ``depth``."""
-        whole = ("amplitude", "crossings")
-        columns = {name: getattr(self, name)[:, :depth] for name in self.__dataclass_fields__ if name not in whole}
-        return Bundle(amplitude=self.amplitude, crossings=self.crossings, **columns)
+        return replace(
+            self,
+            vertices=self.vertices[:, :depth],
+            interactions=self.interactions[:, :depth],
+            triangles=self.triangles[:, :depth],
+        )
 
     def in_fixed_order(self) -> Bundle:
         """The same paths, sorted by their vertices: the solver's order depends on which of its threads ends first."""
@@ -238,7 +238,7 @@ def solver_paths(scene: Any, settings: TraceSettings, fan: RayFan, seed: int) ->
         )
 
 
-def solve(scene: Any, merged_scene: MergedScene, pose: Pose, settings: TraceSettings, fan: RayFan, seed: int) -> Solved:
+def solve(scene: Any, merged_scene: MergedScene, settings: TraceSettings, fan: RayFan, seed: int) -> Solved:
     """Trace one frame.
 
     :param scene: of :func:`radio_scene`
@@ -247,9 +247,10 @@ def solve(scene: Any, merged_scene: MergedScene, pose: Pose, settings: TraceSett
     """
     fan = replace(fan, count=settings.solver_rays(fan.count))
     paths = solver_paths(scene, settings, fan, seed)
-    shapes = {scene.objects[name_of(index)].object_id: index for index in range(len(merged_scene.meshes))}
+    first = merged_scene.first[:-1].tolist()
+    shapes = {scene.objects[name_of(index)].object_id: begin for index, begin in enumerate(first)}
     valid = paths.valid.numpy().reshape(-1)
-    bundle = _without_crossings(_bundle_of(paths, valid, shapes, merged_scene, pose), settings.depth)
+    bundle = _without_crossings(_bundle_of(paths, valid, shapes), settings.depth)
     return Solved(bundle, int((~valid).sum()), int(valid.sum() >= settings.capacity(fan.count)))
 
 
@@ -275,8 +276,11 @@ def _rays_of_fan(fan: RayFan) -> Iterator[None]:
             module.fibonacci_lattice = original
 
 
-def _bundle_of(paths: Any, valid: Mask, shapes: dict[int, int], merged_scene: MergedScene, pose: Pose) -> Bundle:
-    """The valid paths as float64, with the radar's own motion taken off the objects' velocities."""
+def _bundle_of(paths: Any, valid: Mask, shapes: dict[int, int]) -> Bundle:
+    """The valid paths as float64.
+
+    :param shapes: of each of Sionna's objects the first triangle
+    """
 
     def columns(values: Any) -> NDArray:
         return np.moveaxis(values.numpy()[:, 0, 0], 0, 1)[valid]
@@ -285,16 +289,11 @@ def _bundle_of(paths: Any, valid: Mask, shapes: dict[int, int], merged_scene: Me
     interactions = columns(paths.interactions).astype(np.int64)
     shape, primitive = columns(paths.objects).astype(np.int64), columns(paths.primitives).astype(np.int64)
     real, imaginary = (part.numpy().reshape(-1)[valid].astype(np.float64) for part in paths.a)
-    objects, triangles = np.full((2, *shape.shape), -1, dtype=np.int64)
-    velocities = np.zeros(vertices.shape)
-    for object_id, index in shapes.items():
+    triangles = np.full(shape.shape, -1, dtype=np.int64)
+    for object_id, first in shapes.items():
         here = (shape == object_id) & (interactions > 0)
-        triangles[here] = merged_scene.first[index] + primitive[here]
-    here = interactions > 0
-    objects[here] = merged_scene.owner[triangles[here]]
-    velocities[here] = velocities_on(merged_scene, pose, triangles[here], vertices[here])
-    crossings = np.zeros(len(real), dtype=np.int64)
-    return Bundle(vertices, interactions, objects, triangles, velocities, crossings, real - 1j * imaginary)
+        triangles[here] = first + primitive[here]
+    return Bundle(vertices, interactions, triangles, np.zeros(len(real), dtype=np.int64), real - 1j * imaginary)
 
 
 def _without_crossings(bundle: Bundle, depth: int) -> Bundle:
@@ -304,15 +303,13 @@ def _without_crossings(bundle: Bundle, depth: int) -> Bundle:
     rows = np.arange(len(crossed))[:, None]
     order = np.argsort(~bounces, axis=1, kind="stable")
     past = ~bounces[rows, order]
-    moved = {
-        name: getattr(bundle, name)[rows, order]
-        for name in ("vertices", "interactions", "objects", "triangles", "velocities")
-    }
-    moved["vertices"][past] = 0.0
-    moved["velocities"][past] = 0.0
-    moved["interactions"][past] = 0
-    moved["objects"][past] = moved["triangles"][past] = -1
-    kept = Bundle(**moved, crossings=crossed.sum(axis=1), amplitude=bundle.amplitude)
+    kept = replace(
+        bundle,
+        vertices=np.where(past[:, :, None], 0.0, bundle.vertices[rows, order]),
+        interactions=np.where(past, 0, bundle.interactions[rows, order]),
+        triangles=np.where(past, -1, bundle.triangles[rows, order]),
+        crossings=crossed.sum(axis=1),
+    )
     count = bounces.sum(axis=1)
     return kept.take((count > 0) & (count <= depth)).cut(depth)
 

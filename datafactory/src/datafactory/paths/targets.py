@@ -11,7 +11,7 @@ from datafactory.paths.diffraction import Heard
 from datafactory.paths.echo_points import Seen, all_echo_points
 from datafactory.paths.mirrored_targets import DirectWays, echoes_over_mirrors
 from datafactory.paths.panes import FAINTEST, panes_between
-from datafactory.paths.round_corners import Hidden, echoes_round_corners
+from datafactory.paths.round_corners import echoes_round_corners
 from datafactory.paths.table import REFRACTED, TARGET, ScatteredPaths, SpecularPaths
 from datafactory.paths.view import EDGES_WITHIN_M, View
 from shared.physics.units import db_to_power
@@ -51,39 +51,32 @@ class TargetEchoes:
         self._nominal = np.array([float(db_to_power(target.rcs_dbsm)) for target in targets])
         self._loudness = self._nominal / np.maximum(lengths(self._away) ** 4, np.finfo(float).tiny)
         points = all_echo_points(view.merged.targets, pose.position, self._circumstances)
-        self._points = points = points.take((self._loudness >= FAINTEST_ECHO)[points.target])
-        self._position = (points.position - np.asarray(pose.position)) @ view.rotation
-        self._velocity = (points.velocity - np.asarray(pose.velocity)) @ view.rotation
-        self._range_m = np.linalg.norm(self._position, axis=1)
-        self._over_mirrors = bool(
-            settings.specular and settings.depth > 1 and view.merged.meshes and len(self._position)
-        )
+        self._points = points.take((self._loudness >= FAINTEST_ECHO)[points.target]).seen_by(pose)
+        self._range_m = lengths(self._points.position)
+        self._over_mirrors = bool(settings.specular and settings.depth > 1 and view.merged.meshes and len(self._points))
 
     @property
     def _amplitude(self) -> Real:
         """[K] of the echo points in plain sight."""
         distance = np.where(self._range_m > 0.0, self._range_m, 1.0)
-        wavelength = self._circumstances.wavelength_m
-        amplitude: Real = wavelength * np.sqrt(self._points.rcs_m2) / (4.0 * np.pi) ** 1.5 / distance**2
-        return amplitude
+        return self._points.amplitudes(self._view.wavelength_m) / distance**2
 
     @property
     def candidates(self) -> Candidates:
         """Of every echo point: itself, in plain sight or round an edge; of every target: all that mirrors add to it."""
-        itself = Candidates.of(TARGET_SEEN, self._position, self._amplitude**2)
+        itself = Candidates.of(TARGET_SEEN, self._points.position, self._amplitude**2)
         if not self._over_mirrors:
             return itself
         whole = np.bincount(self._points.target, self._points.rcs_m2, len(self._nominal))
-        of_sight = self._circumstances.wavelength_m**2 * np.maximum(whole, self._nominal) / (4.0 * np.pi) ** 3
+        of_sight = self._view.wavelength_m**2 * np.maximum(whole, self._nominal) / (4.0 * np.pi) ** 3
         power = MIRRORED_MORE * of_sight / np.maximum(lengths(self._away), 1e-3) ** 4
         heard = self._loudness >= FAINTEST_ECHO
         return Candidates.joined([itself, Candidates.of(TARGET_MIRRORED, self._away, np.where(heard, power, 0.0))])
 
     def seen(self, worth: Mask) -> Heard:
         """The echoes, no paths without a scattering point, and the numbers of those left out."""
-        view, points, position = self._view, self._points, self._position
-        settings, merged = view.settings, view.merged
-        count = len(points.rcs_m2)
+        view, points, settings = self._view, self._points, self._view.settings
+        position, count = points.position, len(points)
         itself = worth[:count]
         over_mirrors = worth[count:][points.target] if self._over_mirrors else np.zeros(count, dtype=bool)
         tried = np.flatnonzero((self._range_m > 0.0) & (itself | over_mirrors))
@@ -106,15 +99,13 @@ class TargetEchoes:
             "targets_in_near_field": points.near,
         }
         number = np.arange(count, dtype=np.int32)
-        index = (len(merged.objects) - len(merged.targets) + points.target).astype(np.int32)
-        amplitude = self._amplitude * out * back
-        direct = ScatteredPaths.of_points(position, self._velocity, amplitude, index, kinds, candidate=number)
+        amplitude, index = self._amplitude * out * back, view.merged.object_of_target(points.target)
+        direct = ScatteredPaths.of_points(position, points.velocity, amplitude, index, kinds, candidate=number)
         parts = [direct.take(heard & in_sight)]
         loud = self._loudness[points.target] * float(db_to_power(-ROUND_CORNERS_DB)) >= FAINTEST_ECHO
         hidden &= loud
         if settings.diffraction and hidden.any():
-            behind_edges = Hidden(position[hidden], self._velocity[hidden], points.rcs_m2[hidden], index[hidden])
-            round_corners, more = echoes_round_corners(view, behind_edges)
+            round_corners, more = echoes_round_corners(view, points.take(hidden))
             parts.append(replace(round_corners, candidate=number[hidden][round_corners.candidate]))
             counts |= more
         if over_mirrors.any():

@@ -40,7 +40,7 @@ from datafactory.paths.mirrors import single_mirrors
 from datafactory.paths.notice import Notice
 from datafactory.paths.panes import pane_candidates
 from datafactory.paths.rays import RayFan
-from datafactory.paths.rows import scattered_rows, specular_rows, with_surfaces
+from datafactory.paths.rows import scattered_rows, specular_rows
 from datafactory.paths.scattered import SecondBounces, behind_panes
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import Bundle, Solved, TraceSettings, radio_scene, solve
@@ -168,7 +168,7 @@ def _add_scattered(found: _Found, part: Bundle, view: View, fan: RayFan, group: 
     """
     name = "scattered_twice" if part.scatterings > 1 else "scattered_once"
     found.counts[name] += len(part.amplitude)
-    found.add(*(_of_group(rows, group) for rows in scattered_rows(with_surfaces(part, view), fan)))
+    found.add(*(_of_group(rows, group) for rows in scattered_rows(part, view, fan)))
 
 
 def _add_chains(found: _Found, view: View, kept: Geometry, fan: RayFan, seed: int, followed: dict[int, int]) -> None:
@@ -184,7 +184,7 @@ def _add_chains(found: _Found, view: View, kept: Geometry, fan: RayFan, seed: in
     if wanted and settings.depth > 1 and settings.specular and view.merged.meshes:
         scene = radio_scene(kept, view.slabs, settings)
         for group in wanted:
-            solved[group] = solve(scene, view.merged, view.pose, passes[group], fan, seed)
+            solved[group] = solve(scene, view.merged, passes[group], fan, seed)
     groups = {group: item.bundle for group, item in solved.items()}
     if PASSED in groups:
         groups[PASSED] = groups[PASSED].take(groups[PASSED].crossings > 0)
@@ -193,7 +193,7 @@ def _add_chains(found: _Found, view: View, kept: Geometry, fan: RayFan, seed: in
     for group, bundle in groups.items():
         for depth in range(2, bundle.interactions.shape[1] + 1):
             part = bundle.of_bounces(depth).in_fixed_order()
-            found.add(_of_group(specular_rows(with_surfaces(part, view)), followed[group]))
+            found.add(_of_group(specular_rows(part, view), followed[group]))
     found.counts |= {
         "traced": sum(len(bundle) for bundle in groups.values()),
         "truncated": max((item.truncated for item in solved.values()), default=0),

@@ -18,7 +18,7 @@ from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.edges import WedgeEdges, edges_of
 from datafactory.paths.facets import reflected_share
 from datafactory.paths.geometry import clear_between, first_hits, mesh_of_shape, ray_margin_m
-from datafactory.paths.merged_scene import MergedScene, velocities_on
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.scattering import has_lobes
 from datafactory.paths.slabs import Slabs, onto_planes
 from datafactory.paths.solver import TraceSettings
@@ -165,7 +165,12 @@ class View:
 
     def velocity(self, triangle: Index, point: Real) -> Real:
         """[n, 3] velocities relative to the radar of points [n, 3] on triangles [n] [m/s]."""
-        return velocities_on(self.merged, self.pose, triangle, point)
+        merged, own, mesh = self.merged, np.asarray(self.pose.velocity), self.merged.mesh_of_triangle[triangle]
+        velocity = taken((merged.velocities - own) @ self.rotation, mesh)
+        if merged.turns:
+            carried = merged.carried(triangle, point @ self.rotation.T + np.asarray(self.pose.position), mesh)
+            velocity[carried.index] = (carried.velocity - own) @ self.rotation
+        return velocity
 
     def reflected_share(self, triangle: Index, point: Real, arrival: Real, before_m: Real, after_m: Real) -> Complex:
         """[n] factor of the mirrors' finite size at points [n, 3]; see :func:`.facets.reflected_share`."""
