@@ -16,7 +16,7 @@ from numba import types
 from numpy.typing import NDArray
 
 from datafactory.paths import corner_aperture, facets, geometry, thinning
-from datafactory.paths.rims import Rim
+from datafactory.paths.planes import Rim
 from datafactory.synthesis import doppler_moments, frame_lines, lines, lines_at_centres, mid_frame, spread
 from shared.signal import near_field_kernels
 from trainer.estimators.array import LineArray

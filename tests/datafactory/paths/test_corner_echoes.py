@@ -25,7 +25,7 @@ from slab_coefficients import slab_reflection
 
 from datafactory.paths import corner_echoes
 from datafactory.paths.corner_aperture import Cells, Views, cells_along, pieces_in_sight
-from datafactory.paths.corner_edges import CornerEdges
+from datafactory.paths.corners import CornerEdges
 from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import CORNER, SPECULAR, PathTable

@@ -13,7 +13,7 @@ from sionna_scenes import MATERIALS
 from datafactory.paths import facets, rims
 from datafactory.paths.facets import reflected_share
 from datafactory.paths.merged_scene import MergedMesh, MergedScene
-from datafactory.paths.rims import Rim
+from datafactory.paths.planes import Rim
 from datafactory.paths.scattering import SURFACE_CELL_M, surface_phase
 
 WAVELENGTH_M = 299_792_458.0 / 77.5e9

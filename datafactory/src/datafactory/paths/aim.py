@@ -23,15 +23,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from datafactory.paths.cells import RANGE_CELL_M, U_CELL
 from datafactory.paths.rays import UNIFORM_IN_U, RayFan
-from datafactory.paths.thinning import RANGE_CELL_M, U_CELL
 from datafactory.paths.view import View, Waves
 from shared.physics.vectors import Real, dots, lengths
 
 STRIPS, RAYS_A_STRIP = 256, 64
 """Strips of equal shares of the beam; at the horizon 256 of them are 9e-4 wide, 1.4 m of ground at 30 m."""
 RAYS_A_CELL = 6.0
-"""K. One more than makes speckle (:data:`datafactory.paths.density.FEW_PATHS`), for a lattice does not fall evenly."""
+"""K. One more than makes speckle (:data:`datafactory.paths.cells.FEW_PATHS`), for a lattice does not fall evenly."""
 UNAIMED = 0.55
 """Least factor on the fan's density. More lights more cells far away and fills fewer near (docs/notes/speckle.md)."""
 AGREEING = 0.75

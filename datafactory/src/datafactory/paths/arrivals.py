@@ -6,7 +6,7 @@ antennas the tube holds Omega / (4 pi). The surface takes S^2 |Gamma|^2 of it, s
 
     A = lambda / (4 pi r) S |Gamma| sqrt(f Omega) e,    |Gamma| = |R e_i| / |e_i|,
 
-with R the slab's reflection of the arriving field e_i (:mod:`datafactory.paths.panes`), which has the factors of all
+with R the slab's reflection of the arriving field e_i (:mod:`datafactory.paths.view`), which has the factors of all
 that happened to it before, and e its part along the RX's polarisation. The scattered field keeps its components along
 theta^ and phi^: Sionna's model with K_x = 0.
 
@@ -23,14 +23,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from datafactory.paths.cells import cell_of, thinned
 from datafactory.paths.columns import WHOLE, Columns
-from datafactory.paths.panes import NEAREST_M, polarization_axis
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import share_at
 from datafactory.paths.solver import Bundle
 from datafactory.paths.table import DIFFUSE, SPECULAR
-from datafactory.paths.thinning import cell_of, thinned
-from datafactory.paths.view import Hits, View, Waves
+from datafactory.paths.view import NEAREST_M, Hits, View, Waves, polarization_axis
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Complex, Index, Real, dots, lengths, taken
 

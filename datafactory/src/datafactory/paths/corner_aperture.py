@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import fresnel
 
 from datafactory.paths.columns import Columns
-from datafactory.paths.corner_edges import CornerEdges
+from datafactory.paths.corners import CornerEdges
 from datafactory.paths.diffraction import GRAZING
 from datafactory.paths.geometry import ray_margin_m
 from shared.physics.compiled import compiled

@@ -59,9 +59,8 @@ from datafactory.paths.curved_surfaces import CurvedSurfaces, curved_surfaces_of
 from datafactory.paths.facets import share_within_rims
 from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.mirrors import AHEAD_M, MirrorEchoes, plane_amplitude, way_and_back
-from datafactory.paths.panes import NEAREST_M
 from datafactory.paths.table import ScatteredPaths, SpecularPaths
-from datafactory.paths.view import View
+from datafactory.paths.view import NEAREST_M, View
 from shared.physics.vectors import Complex, Index, Mask, Real, unit
 
 INSIDE = 1e-6

@@ -39,10 +39,9 @@ from datafactory.paths.candidates import EDGE, Candidates
 from datafactory.paths.columns import Columns
 from datafactory.paths.edges import WedgeEdges
 from datafactory.paths.facets import TAPER
-from datafactory.paths.panes import polarization_axis
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import DIFFRACTED, ScatteredPaths, SpecularPaths
-from datafactory.paths.view import View
+from datafactory.paths.view import View, polarization_axis
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Complex, Index, Mask, Real, unit
 from shared.physics.wedge import WedgeGeometry, diffraction_coefficient

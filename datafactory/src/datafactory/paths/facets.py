@@ -28,7 +28,7 @@ from scipy.special import wofz
 
 from datafactory.paths.bodies import bodies_of
 from datafactory.paths.merged_scene import MergedScene
-from datafactory.paths.rims import COPLANAR_M, Rim, planes_of
+from datafactory.paths.planes import COPLANAR_M, Rim, planes_of
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Complex, Index, Real
 

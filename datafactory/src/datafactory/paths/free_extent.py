@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from datafactory.paths.planar_faces import TOUCH_M
+from datafactory.paths.planes import TOUCH_M
 from shared.physics.compiled import compiled
 
 CRACK_M = 1e-3

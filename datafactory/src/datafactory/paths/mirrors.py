@@ -41,10 +41,9 @@ from datafactory.paths.columns import Columns, apart
 from datafactory.paths.facets import COPLANAR_M
 from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.merged_scene import MergedScene
-from datafactory.paths.panes import AXES, FAINTEST, NEAREST_M, Polarization, panes_between, polarization_axis
 from datafactory.paths.slabs import LEAST_COSINE, fields_beyond
 from datafactory.paths.table import REFRACTED, SPECULAR, SpecularPaths
-from datafactory.paths.view import View
+from datafactory.paths.view import AXES, FAINTEST, NEAREST_M, Polarization, View, panes_between, polarization_axis
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Complex, Index, Mask, Real
 

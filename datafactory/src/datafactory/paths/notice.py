@@ -7,7 +7,7 @@ What is left out of a resolution cell of the truth has, all of it together, at m
 b is the error budget, P_peak the power in the frame's own strongest cell of first hits and single mirrors, which are
 traced first, as far as the truth's image shows it, and N the receiver's noise in a range-Doppler cell of a channel, the
 dataset's ``noise_power``. Without noise the budget counts alone. Powers are summed without phase, which is the
-expectation over random phases (:mod:`.density`).
+expectation over random phases (:mod:`.cells`).
 
 In every cell candidates are left out from the weakest on, as long as the sum of their bounds stays below the limit:
 edges, corners, targets and the estimates of second bounces alike. So a thousand edges, each just below, are not left
@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from datafactory.paths.candidates import GROUPS, Candidates
-from datafactory.paths.density import cell_numbers, cell_power
+from datafactory.paths.cells import cell_numbers, cell_power
 from datafactory.paths.table import DIFFUSE, SPECULAR, PathTable, ScatteredPaths, SpecularPaths, amplitude_gain
 from shared.physics.units import db_to_power
 from shared.physics.vectors import Mask, Real

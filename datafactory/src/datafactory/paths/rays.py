@@ -32,7 +32,7 @@ from shared.physics.vectors import Real, lengths
 BEAM = 0.07
 """z_0. Among 0.0125 to 0.2, 0.05 reaches the most ground cells within 30 m with five rays (docs/notes/speckle.md). It
 errs by 0.13 dB on a plane right below an isotropic antenna with 20 000 rays; this one by 0.09 dB, and by 0.003 dB with
-the rays of the default. What there is too much near the sensor costs no path (:mod:`datafactory.paths.thinning`).
+the rays of the default. What there is too much near the sensor costs no path (:mod:`datafactory.paths.cells`).
 """
 UNIFORM_IN_U = 0.8
 GOLDEN_RATIO = (1.0 + np.sqrt(5.0)) / 2.0

@@ -11,7 +11,7 @@ A mirror before has the factor sqrt(1 - S^2) R. The first surface may be seen th
 pane's transmission both ways.
 
 What is dear is a path and not a ray, so that crowded resolution cells keep some of their paths, with the power of all
-(:mod:`datafactory.paths.thinning`).
+(:mod:`datafactory.paths.cells`).
 
 **Twice, or more often.** What one rough surface scatters another one sees. At a surface a wave's ray goes on in one
 direction k', drawn with the density q over the half space in front. It carries f / q of what is scattered, so that the
@@ -41,23 +41,35 @@ then scattered (:func:`over_mirrors`) are looked for along a thin share of the r
 stands for what k rays would bring. Of n echoes alike in a resolution cell the sum has the standard error 1 / sqrt(n) of
 itself, of a single one its own size, so that three times the echo's power is the estimate and two standard errors
 above. What is found here is not looked for again: where the group is followed, the other rays are added. The same share
-tells the faces over which there may be chains of mirrors (:mod:`.chains`), straight on through panes or not."""
+tells the faces over which there may be chains of mirrors, straight on through panes or not.
+
+**Chains.** A chain is a sequence of mirrors, each of which reflects the wave onto the next, and the last one home.
+Its rays are all
+rays that meet these faces one after another. So the sequences of triangles that some rays meet, as from mirrors, hold
+the chains between faces that these rays do not miss. Of each the image method says whether there is a way that closes:
+with I_0 = 0 and I_j the image of I_j-1 in the plane of mirror j, the wave comes home along the line from I_n to the
+radar, and meets the mirrors where that line, unfolded mirror by mirror, crosses their planes. A triangle counts as
+``LARGER`` times as large here: its neighbours in the same face are not looked for, and rays that miss a small face by
+a little stand for those that do not. The echo of a chain of length L is at most lambda / (4 pi L), that of perfect
+mirrors. Visibility and the true reflections are the solver's (:mod:`datafactory.paths.solver`).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
 from datafactory.defaults import LARGEST_DEPTH
 from datafactory.paths.arrivals import DIRECTIONS, Arrivals, Echoes
 from datafactory.paths.candidates import CHAIN, MIRRORED, PASSED, TWICE, Candidates
-from datafactory.paths.chains import chain_candidates
-from datafactory.paths.corner_edges import corners_of
-from datafactory.paths.panes import AXES, polarization_axis
+from datafactory.paths.corners import CornerEdges, corners_of
+from datafactory.paths.merged_scene import barycentric
 from datafactory.paths.scattering import share_at
 from datafactory.paths.table import DIFFUSE, SPECULAR
-from datafactory.paths.view import Hits
+from datafactory.paths.view import AXES, Hits, View, polarization_axis
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Index, Real, lengths
 
@@ -69,6 +81,8 @@ THIN_RAYS, THINNEST = 12_500, 16
 """As many rays as find chains between small faces (:data:`datafactory.paths.solver.LEAST_SOLVER_RAYS`)."""
 SURE = 3.0
 """Estimate and two standard errors of a cell in which one echo was found, over that echo."""
+LARGER = 2.0
+"""How much larger than it is, about its centre, a triangle counts in each direction."""
 
 
 def over_mirrors(first: Arrivals) -> list[Echoes]:
@@ -245,3 +259,43 @@ def _estimates(group: int, echoes: Echoes, stands_for: int) -> Candidates:
     if echoes.kinds[0] != SPECULAR:
         return there
     return Candidates.joined([there, Candidates.of(group, first, power, range_m, last)])
+
+
+def chain_candidates(family: int, sequences: Sequence[Index], view: View, corners: CornerEdges | None) -> Candidates:
+    """Of every sequence of triangles over which a way closes.
+
+    :param family: ``CHAIN``, or ``PASSED`` where rays went through panes
+    :param sequences: triangles [n, mirrors] in the order in which rays met them
+    :param corners: right-angled, whose own chains are left out; None where those are the solver's, behind panes
+    """
+    found, wavelength_m = [Candidates.none()], view.wavelength_m
+    for sequence in sequences:
+        some = np.unique(sequence, axis=0)
+        if corners is not None:
+            own = np.ones(len(some), dtype=bool)
+            for one, other in combinations(some.T, 2):
+                own &= corners.joins(one, other)
+            some = some[~own]
+        image, departure = _closed(view.corners[some], view.normals[some], view.heights[some])
+        length = np.linalg.norm(image, axis=1)
+        power = (wavelength_m / (4.0 * np.pi * np.maximum(length, wavelength_m))) ** 2
+        found.append(Candidates.of(family, image, power, 0.5 * length, departure))
+    return Candidates.joined(found)
+
+
+def _closed(corner: Real, normal: Real, height: Real) -> tuple[Real, Real]:
+    """Of the sequences [n, m] whose way closes: the image of the origin [k, 3] and the first mirror's point [k, 3]."""
+    count, mirrors = height.shape
+    images = [np.zeros((count, 3))]
+    for step in range(mirrors):
+        n = normal[:, step]
+        images.append(images[-1] - 2.0 * (np.einsum("ni,ni->n", n, images[-1]) - height[:, step])[:, None] * n)
+    place, closes = np.zeros((count, 3)), np.ones(count, dtype=bool)
+    for step in range(mirrors - 1, -1, -1):
+        n, along = normal[:, step], images[step + 1] - place
+        slope = np.einsum("ni,ni->n", n, along)
+        share = (height[:, step] - np.einsum("ni,ni->n", n, place)) / np.where(slope == 0.0, np.inf, slope)
+        place = place + share[:, None] * along
+        closes &= (share > 0.0) & (share < 1.0)
+        closes &= barycentric(corner[:, step], place).min(axis=1) >= (1.0 - LARGER) / 3.0
+    return images[-1][closes], place[closes]

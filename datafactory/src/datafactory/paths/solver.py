@@ -59,7 +59,7 @@ class TraceSettings:
     :param rays: directions sent from the TX
     :param depth: largest number of bounces, 1 to 3; from 2 on targets are seen over mirrors, one on either way, and
         chains of mirrors alone have up to 3: a handful of paths, and nearly all that a third bounce adds to a cell
-    :param paths_a_cell: most paths that are scattered once in a resolution cell (:mod:`datafactory.paths.thinning`), of
+    :param paths_a_cell: most paths that are scattered once in a resolution cell (:mod:`datafactory.paths.cells`), of
         the default's rays or fewer; see :attr:`most_in_a_cell`. 0 keeps all
     :param solver_share: of so many rays the solver follows one to chains of mirrors, which are few
     :param twice_share: of so many rays one is followed to what is scattered twice: weak echoes, spread over many cells

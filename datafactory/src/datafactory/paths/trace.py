@@ -12,12 +12,13 @@ served, or every effect is asked for, all candidates are followed.
   (:mod:`.solver`), and where panes let waves through, those beyond them. A mirror reflects with the share of its
   facet's size (:mod:`.facets`).
 * Targets given by a radar cross section (:mod:`.targets`), edges (:mod:`.diffraction`) and right-angled corners
-  (:mod:`.corner_echoes`, :mod:`.corner_point_echoes`) are listed. Corners take the place of the solver's mirrors there.
+  (:mod:`.corner_echoes`, :mod:`.corner_echoes`) are listed. Corners take the place of the solver's mirrors there.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -25,11 +26,8 @@ import numpy as np
 from datafactory.paths.aim import aimed
 from datafactory.paths.arrivals import Arrivals
 from datafactory.paths.candidates import CHAIN, MIRRORED, PANE, PASSED, TWICE, Candidates
-from datafactory.paths.chains import without_corners
-from datafactory.paths.corner_echoes import CornerEchoes
-from datafactory.paths.corner_edges import corners_of
-from datafactory.paths.corner_point_echoes import CornerPointEchoes
-from datafactory.paths.corner_points import points_of
+from datafactory.paths.corner_echoes import CornerEchoes, CornerPointEchoes
+from datafactory.paths.corners import corners_of, points_of
 from datafactory.paths.curved_echoes import curved_mirrors
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.diffraction import EdgeEchoes
@@ -38,15 +36,14 @@ from datafactory.paths.geometry import Geometry, placed
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.mirrors import single_mirrors
 from datafactory.paths.notice import Notice
-from datafactory.paths.panes import pane_candidates
 from datafactory.paths.rays import RayFan
 from datafactory.paths.rows import scattered_rows, specular_rows
 from datafactory.paths.scattered import SecondBounces, behind_panes
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import Bundle, Solved, TraceSettings, radio_scene, solve
-from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
+from datafactory.paths.table import DIFFUSE, PathTable, ScatteredPaths, SpecularPaths
 from datafactory.paths.targets import TargetEchoes
-from datafactory.paths.view import View
+from datafactory.paths.view import View, pane_candidates
 from datafactory.scenes.poses import Pose
 
 Listed = TargetEchoes | EdgeEchoes | CornerEchoes | CornerPointEchoes
@@ -204,3 +201,22 @@ def _add_chains(found: _Found, view: View, kept: Geometry, fan: RayFan, seed: in
 def _of_group(rows: Any, group: int | None) -> Any:
     """Paths whose candidate is the first of a group."""
     return rows if group is None else replace(rows, candidate=np.full(len(rows), group, dtype=np.int32))
+
+
+def without_corners(bundle: Bundle, merged_scene: MergedScene) -> tuple[Bundle, int]:
+    """The paths without those that are mirrored once by each face of a corner and nothing else, and their number.
+
+    Those are left to :mod:`datafactory.paths.corner_echoes`. The ray that a corner turns back to the radar runs into an
+    edge, or into the point in which three faces meet: a path solver finds it by chance or not at all.
+    """
+    corners = corners_of(merged_scene)
+    count = (bundle.interactions > 0).sum(axis=1)
+    mirrored = (bundle.interactions != DIFFUSE).all(axis=1) & (bundle.crossings == 0)
+    keep = np.ones(len(count), dtype=bool)
+    for bounces in range(2, min(bundle.interactions.shape[1], 3) + 1):
+        index = np.flatnonzero(mirrored & (count == bounces))
+        joined = np.ones(len(index), dtype=bool)
+        for one, other in combinations(bundle.triangles[index, :bounces].T, 2):
+            joined &= corners.joins(one, other)
+        keep[index] = ~joined
+    return bundle.take(keep), int((~keep).sum())
