@@ -1,10 +1,8 @@
-"""Echoes that may come, each with a bound, before anything is tested for visibility.
+"""Echoes that may come, each with a bound, before anything is tested for visibility (docs/notes/planning.md).
 
-Edges, corners and targets are listed: how strong each echo can be at most follows from where it stands, and costs
-little beside looking for what hides it. What is not listed, waves scattered twice and chains of mirrors, has an
-estimate from a thin share of the frame's rays in its place. Candidates are independent of the radar, as paths are. A
-trace that serves many radars stores them beside its paths; each radar then decides by them what it would not notice
-(:mod:`datafactory.paths.notice`).
+Edges, corners and targets are listed. What is not listed, waves scattered twice and chains of mirrors, has an estimate
+from a thin share of the frame's rays in its place. Candidates are independent of the radar, as paths are: a trace that
+serves many radars stores them, and each then decides what it would not notice (:mod:`datafactory.paths.notice`).
 """
 
 from __future__ import annotations

@@ -1,20 +1,17 @@
-"""Resolution cells: paths by cell, fewer of the same power, and those that are left out of a range bin.
+"""Resolution cells: what paths they hold, fewer paths of the same power in them, and none of the weakest.
 
-**Density.** Speckle needs several scatterers in a resolution cell to be speckle. A rough surface's echo in a cell is a
-sum of many contributions. Where only a few rays stand for it, the cell shows the rays rather than the surface; such
-cells are counted, so that a dataset says how much of it they are.
+**Density.** A rough surface's echo in a cell is the sum of many contributions. Where only a few rays stand for it, the
+cell shows the rays rather than the surface. Such cells are counted (docs/notes/speckle.md).
 
-**Thinning.** Rays are cheap and paths are dear: what a frame costs is the paths that are synthesised. Near the sensor a
-resolution cell has hundreds of rays, far away it has one. A cell of range, u and range rate with more than K paths
-keeps K of them. Paths that hold 1/K of the cell's power or more stay as they are. Of the others, of power P together,
-as many as are left of K are drawn, k of them, with probabilities k p_i / P (systematic sampling, Madow 1949), and each
-that is drawn has the power P / k. The cell's power is therefore what all its rays say, exactly, and that of any part of
-the cell is so on average. K random phases of equal power make speckle whose intensity has the variance 1 - 1/K of fully
-developed speckle (Goodman, Speckle Phenomena in Optics, section 3.6).
+**Thinning.** A cell of range, u and range rate with more than K paths keeps K of them. Paths that hold 1/K of the
+cell's power or more stay as they are. Of the others, of power P together, as many as are left of K are drawn, k of
+them, with probabilities k p_i / P (systematic sampling, Madow 1949), and each that is drawn has the power P / k. The
+cell's power is therefore what all its rays say, exactly, and that of any part of the cell is so on average. K random
+phases of equal power make speckle whose intensity has the variance 1 - 1/K of fully developed speckle (Goodman, Speckle
+Phenomena in Optics, section 3.6).
 
-**Pruning.** The weakest scattered paths of each range bin are left out. They hold together at most a given share of
-their bin's power (incoherent sum, patterns applied). Each bin is treated alone: a weak echo far away is never compared
-with a strong one nearby.
+**Pruning.** The weakest scattered paths of each range bin are left out, as many as hold together at most a given share
+of their bin's power (incoherent sum, patterns applied): a weak echo far away is not compared with a strong one nearby.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""Echoes of right-angled corners: two bounces, once in each order, by physical optics.
+"""Echoes of right-angled corners by physical optics: two bounces at an edge, three at a point of three faces.
 
-docs/notes/corners.md has the method, the delay law and the limits. The first face reflects as a plane, and the field
-that it throws on the second face is integrated there (Griesser and Balanis, IEEE Trans. Antennas Propag. 35 (1987)
-1137). In the plane across the edge let the radar stand at distance h and at the angle phi from the first face, the
-second face at the angle psi. A wave that meets the second face at distance b from the edge has come from the first at
+docs/notes/corners.md has the method, the delay laws and the limits. **At an edge** the first face reflects as a plane,
+and the field that it throws on the second face is integrated there (Griesser and Balanis, IEEE Trans. Antennas Propag.
+35 (1987) 1137). In the plane across the edge let the radar stand at distance h and at the angle phi from the first
+face, the second face at the angle psi. A wave that meets the second face at distance b from the edge has come from the
+first at
 
     a = h b sin(phi + psi) / (h sin(phi) + b sin(psi)),
 
@@ -13,16 +14,19 @@ so that b ends where the second face ends or where a does. Its whole way is
 
 least at L* = 2 h sin(psi), b* = h cos(psi) / cos(phi): at the edge itself for a right angle. Along the edge the way
 grows by E(z) = 2 (sqrt(h^2 + z^2) - h) from the foot of the perpendicular. With v = sqrt(4 (L - L*) / lambda), signed,
-both integrals are Fresnel's,
 
     F = 1 / (1 + j) int exp(j pi v^2 / 2) dv,      A = Gamma_1 Gamma_2 lambda / (4 pi L*) F_across F_along,
 
 and an endless plane has F = 1. Ends whose way is more than ``SPREAD_M`` longer fade out; their echo would come from
 elsewhere (:mod:`datafactory.paths.corner_aperture`).
 
-At ``OFF_SQUARE_DEG`` from a right angle a wave of either order leaves 6 deg off its way at most, and its specular
-points lie within sin(3 deg) sqrt(2 h / lambda), 0.8 to 9 Fresnel zones at 0.5 to 60 m, of the edge. Beyond, an acute
-corner has mirror paths of its own and an obtuse one sends nothing back.
+**At a point** X, R away, the aperture is the outline of the three faces as the radar sees it, where it overlaps with
+itself turned by 180 deg around X,
+
+    F = (1 / 2 pi) int (1 - exp(j k Delta(theta))) d(theta),    A = Gamma_1 Gamma_2 Gamma_3 lambda / (8 pi R) F,
+
+with Delta how much longer the way by the outline is than 2 R, in either direction the shorter one. The face met first
+is that at theta, the last that at theta + pi. The image is that of 2 X - x: s = 2 X, H = -1.
 """
 
 from __future__ import annotations

@@ -1,15 +1,12 @@
 """The right-angled corners of a scene, found once: edges at which two plane faces meet, points in which three do.
 
-Two faces that meet at a right angle (:mod:`.planes`) divide space into four quarters. Each quarter whose two faces
-both reach away from the edge is a corner that sends a wave back: an inner corner of two walls, a wall on the ground, a
-kerb. A fold of one mesh has one such quarter, a sheet that stands on the ground two. The winding of the triangles is
-not used. A box has corners only on its inside; a sensor outside does not see them, because the box itself is in the
-way. Along the edge a corner consists of strips. In each strip the reach of either face, away from the edge, is a
-straight line (:mod:`.free_extent`). Strips that touch make one corner; beyond a gap another one begins.
+docs/notes/corners.md says what counts. Each quarter of space between two faces that meet at a right angle
+(:mod:`.planes`), both of which reach away from the edge, is a corner that sends a wave back; the winding of the
+triangles is not used. Along the edge it consists of strips, in each of which the reach of either face is a straight
+line (:mod:`.free_extent`). Strips that touch make one corner; beyond a gap another one begins.
 
-Three faces of which each pair meets at a right angle have one point in common. It is a corner of each of the eight
-octants around it in which all three faces begin at it. How far a face reaches from the point, in directions between its
-two edges, is sampled.
+Three faces of which each pair meets at a right angle have a point in common: a corner of each of the eight octants
+around it in which all three begin. How far a face reaches from it, in directions between its two edges, is sampled.
 
 Faces belong to bodies of one velocity. What stands on another body, such as a car on a road, makes no corner with it.
 """

@@ -1,24 +1,18 @@
 """Targets over mirrors: the echoes that a road, a wall or any other smooth face adds to a target's own.
 
-A mirror gives a second way between radar and target (:mod:`datafactory.paths.mirrors`). With the direct one there
-are four paths: direct, out over the mirror and directly back, its reverse, and over the mirror both ways. With g the
-field of one way over that of free space and R its length,
+docs/notes/targets.md has the model and its limits. Direct, over a mirror (:mod:`datafactory.paths.mirrors`) out or
+back, and over it both ways make four paths. With g the field of one way over that of free space and R its length,
 
-    A = lambda sqrt(sigma) / (4 pi)^(3/2)  g_out / R_out  g_back / R_back.
+    A = lambda sqrt(sigma) / (4 pi)^(3/2)  g_out / R_out  g_back / R_back;
 
-Where all four see one sigma and the lengths differ little, their sum is the echo in free space times the propagation
-factor F^4 in power, F = |1 + Gamma exp(-j k (R_mirror - R_direct))|: the lobing of a target above ground (Barton, Radar
-System Analysis and Modeling, 2005, section 8.3; Skolnik, Introduction to Radar Systems, 3rd ed., section 8.2). With
-Gamma near -1 the path that is reflected twice is as strong as the direct one, and without it there are no nulls. So all
-four are there or none: they need second bounces, mirrors and targets together. Several mirrors of one point give every
-way out with every way back. The delays are exact for every TX and RX, and for any constant velocities of radar, target
-and mirror: each end sees the target's image in its mirror (:mod:`datafactory.paths.table`).
+their sum is the echo in free space times the propagation factor F^4 (Barton, Radar System Analysis and Modeling, 2005,
+section 8.3). All four are there or none: they need second bounces, mirrors and targets together. Several mirrors of one
+point give every way out with every way back. Each end sees the target's image in its mirror, so that delays are exact.
 
 The target answers with the components along theta^ and phi^ of the wave that arrives, as rough surfaces do. Its cross
 section is the monostatic one towards the bisector of the two directions in which it sees the radar, or the radar's
-image (Kell, On the derivation of bistatic RCS from monostatic measurements, Proc. IEEE 53, 1965). That is meant for
-small angles; pairs of ways more than 90 deg apart are left out and counted. Left out without a count: what a tilted
-mirror turns into the other polarisation, where the radar receives across its own.
+image (Kell, Proc. IEEE 53, 1965): pairs of ways more than 90 deg apart are left out and counted. Left out without a
+count: what a tilted mirror turns into the other polarisation, where the radar receives across its own.
 """
 
 from __future__ import annotations

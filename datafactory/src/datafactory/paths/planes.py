@@ -1,12 +1,10 @@
 """The planes of a body's triangles: their boundaries, the faces in them, and which of these meet at a right angle.
 
-Triangles lie in the plane of another one whether they touch or not: slats of one blind are one mirror. The boundary is
-kept in stretches that are looked at as one from afar.
-
-Triangles that lie in one plane and touch form one face, however the plane is cut. A face may be of several meshes. Two
-faces meet where a triangle of one and a triangle of the other reach the line in which their planes intersect, within
-``TOUCH_M``, over a common piece of it. So a wall meets the ground whether they share vertices, stand on each other or
-cross. All tests compare neighbouring triangles alone, so that a scene may lie far from its origin.
+Triangles lie in the plane of another one whether they touch or not: slats of one blind are one mirror. Its boundary
+comes in stretches that are looked at as one from afar. Triangles of one plane that touch form one face, however it is
+cut and of however many meshes. Two faces meet where a triangle of either reaches the line in which their planes
+intersect, within ``TOUCH_M``, over a common piece of it: a wall meets the ground whether they share vertices, stand on
+each other or cross. All tests compare neighbouring triangles alone, so that a scene may lie far from its origin.
 """
 
 from __future__ import annotations

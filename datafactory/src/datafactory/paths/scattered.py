@@ -1,57 +1,36 @@
-"""Echoes of rough surfaces: every ray scatters wherever it arrives.
+"""Echoes of rough surfaces: every ray scatters wherever it arrives; what a thin share of the rays tells of the others.
 
-**Once, by the surface that a wave reaches last.** The solver follows one kind of bounce a ray and surface. It lets a
-ray scatter with a probability near S^2, so that one in eleven rays on concrete (S = 0.3) becomes an echo, with eleven
-times the power. Here every ray scatters at the surface that the sensor sees, and at the surfaces that it reaches
+**Once, by the surface that a wave reaches last** (docs/notes/speckle.md). The solver lets a ray scatter with a
+probability near S^2. Here every ray scatters at the surface that the sensor sees, and at the surfaces that it reaches
 through mirrors; the expectation of the power is the same. :mod:`datafactory.paths.arrivals` has the amplitudes. Of the
 surfaces in sight they are lambda^2 / (4 pi)^3 times the integral of sigma^0 / R^4 over the surface, sigma^0 = 4 pi S^2
-|Gamma|^2 f cos(theta) (:func:`datafactory.scenes.materials.reflectivity.lambertian_sigma0`).
+|Gamma|^2 f cos(theta) (:func:`datafactory.scenes.materials.reflectivity.lambertian_sigma0`). A mirror before has the
+factor sqrt(1 - S^2) R. The first surface may be seen through one pane, with its transmission out and back.
 
-A mirror before has the factor sqrt(1 - S^2) R. The first surface may be seen through one pane, out and back, with the
-pane's transmission both ways.
+**Twice, or more often.** At a surface a wave's ray goes on in one direction k', drawn with the density q over the half
+space in front. It carries f / q of what is scattered, so that the expectation of its power is the surface's
+S^2 |Gamma|^2 f, whatever q is:
 
-What is dear is a path and not a ray, so that crowded resolution cells keep some of their paths, with the power of all
-(:mod:`datafactory.paths.cells`).
+    e' = S |Gamma| sqrt(f / q) (e_theta theta^' + e_phi phi^').
 
-**Twice, or more often.** What one rough surface scatters another one sees. At a surface a wave's ray goes on in one
-direction k', drawn with the density q over the half space in front. It carries f / q of what is scattered, so that the
-expectation of its power is the surface's S^2 |Gamma|^2 f, whatever q is:
+A Lambertian surface has q = cos(theta) / pi = f. A pattern with lobes has q = 1 / (2 pi); with q of the cosine a lobe
+along the surface would have weights without a bound. From three bounces on the ray may as well go on as from a mirror.
+Both orders of a pair of surfaces are drawn, each with its half of the power; that they add in phase (coherent
+backscattering, up to 3 dB) is left out, as in Sionna. Left out too: panes on the way; what ends with a mirror, for
+which its reverse stands. The random numbers of a ray are its own, so that its echoes are too.
 
-    e' = S |Gamma| sqrt(f / q) (e_theta theta^' + e_phi phi^'),
+**Second bounces** are followed with all of a frame's rays only where they matter (docs/notes/planning.md). Waves
+scattered twice are found from one ray in many as it is: they are their own estimate. Waves mirrored and then scattered
+are looked for along every k-th ray first. Each echo of that share stands for what k rays would bring. Of n echoes alike
+in a resolution cell the sum has the standard error 1 / sqrt(n) of itself, so that three times the power of a single one
+is the estimate and two standard errors above. Where the group is followed, the other rays are added.
 
-with the components along theta^ and phi^ kept, as wherever a surface scatters (:mod:`datafactory.paths.arrivals`). A
-Lambertian surface has q = cos(theta) / pi = f, and f / q is 1. A pattern with lobes has q = 1 / (2 pi); with q of the
-cosine a lobe along the surface would have weights without a bound. Where the ray arrives, it is scattered to the RX as
-any other is. From three bounces on it may as well go on as from a mirror, before or after it is scattered.
-
-Both orders of a pair of surfaces are drawn, each with its half of the power. The echo of the one is the reverse of the
-other's, of the same length; that they add in phase (coherent backscattering, up to 3 dB) is left out, as in Sionna.
-Left out too: panes on the way; what ends with a mirror, for which its reverse stands.
-
-Their power agrees with that of Sionna's own to 0.2 dB, which is as well as the solver's rays say it, in each of three
-scenes (``tests/datafactory/paths/test_scattered_once.py``).
-
-One of many of the frame's rays is followed (:attr:`TraceSettings.twice_share`), as these echoes are weak. The random
-numbers of a ray are its own. Whichever rays are asked for, a ray's echoes are the same.
-
-**Second bounces** are estimated first, and followed with all of a frame's rays only where they matter. Waves scattered
-twice (:func:`scattered_twice`) are found from one ray in many as it is: they are their own estimate. Waves mirrored and
-then scattered (:func:`over_mirrors`) are looked for along a thin share of the rays first: every k-th ray, so that some
-``THIN_RAYS`` of those that met a surface are among them, and at least one ray in ``THINNEST``. Each echo of the share
-stands for what k rays would bring. Of n echoes alike in a resolution cell the sum has the standard error 1 / sqrt(n) of
-itself, of a single one its own size, so that three times the echo's power is the estimate and two standard errors
-above. What is found here is not looked for again: where the group is followed, the other rays are added. The same share
-tells the faces over which there may be chains of mirrors, straight on through panes or not.
-
-**Chains.** A chain is a sequence of mirrors, each of which reflects the wave onto the next, and the last one home.
-Its rays are all
-rays that meet these faces one after another. So the sequences of triangles that some rays meet, as from mirrors, hold
-the chains between faces that these rays do not miss. Of each the image method says whether there is a way that closes:
-with I_0 = 0 and I_j the image of I_j-1 in the plane of mirror j, the wave comes home along the line from I_n to the
-radar, and meets the mirrors where that line, unfolded mirror by mirror, crosses their planes. A triangle counts as
-``LARGER`` times as large here: its neighbours in the same face are not looked for, and rays that miss a small face by
-a little stand for those that do not. The echo of a chain of length L is at most lambda / (4 pi L), that of perfect
-mirrors. Visibility and the true reflections are the solver's (:mod:`datafactory.paths.solver`).
+**Chains of mirrors** are the solver's (:mod:`datafactory.paths.solver`); whether there are any, the same share tells.
+The sequences of triangles that its rays meet, as from mirrors, hold the chains between faces that these rays do not
+miss. Of each the image method says whether there is a way that closes: with I_0 = 0 and I_j the image of I_j-1 in the
+plane of mirror j, the wave comes home along the line from I_n to the radar, and meets the mirrors where that line,
+unfolded mirror by mirror, crosses their planes. The echo of a chain of length L is at most lambda / (4 pi L), that of
+perfect mirrors.
 """
 
 from __future__ import annotations
