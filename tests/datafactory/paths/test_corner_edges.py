@@ -15,7 +15,7 @@ from turning_scenes import merged_of, turning
 from datafactory.paths import corners
 from datafactory.paths.bodies import Body
 from datafactory.paths.corners import CornerEdges, corners_of, points_of
-from datafactory.paths.merged_scene import MergedScene, motions_of
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.planes import TOUCH_M, PlanarFaces, planar_faces_of
 from datafactory.scenes.poses import Pose
 
@@ -133,8 +133,7 @@ def sorted_rows(*columns: NDArray) -> NDArray[np.float64]:
 
 def edges_anew(scene: MergedScene) -> CornerEdges:
     found = inspect.unwrap(corners._found_edges)(replace(scene, at_rest=None))
-    velocity, shift = motions_of(scene, found.face_mesh[:, 0])
-    return replace(found, velocity=velocity, shift=shift)
+    return found.moving_with(scene, found.face_mesh[:, 0])
 
 
 @pytest.mark.parametrize("time_s", [0.0, 0.7])
@@ -162,10 +161,9 @@ def test_edges_of_kept_bodies_are_those_found_anew(of: str, time_s: float) -> No
 def test_points_of_kept_bodies_are_those_found_anew(of: str) -> None:
     scene = merged_of(*SCENES[of]).at(0.7)
     found, whole = points_of(scene), inspect.unwrap(corners._found_points)(replace(scene, at_rest=None))
-    velocity, shift = motions_of(scene, whole.face_mesh[:, 0])
     assert len(found) > 0
     assert found.counts == whole.counts
-    whole = replace(whole, velocity=velocity, shift=shift)
+    whole = whole.moving_with(scene, whole.face_mesh[:, 0])
     names = ("object_index", "face_mesh", "apex", "axes", "reach", "velocity", "shift")
     ours, theirs = (sorted_rows(*(getattr(table, name) for name in names)) for table in (found, whole))
     np.testing.assert_allclose(ours, theirs, atol=1e-9)

@@ -32,28 +32,13 @@ is that at theta, the last that at theta + pi. The image is that of 2 X - x: s =
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fresnel
 
 from datafactory.paths.candidates import CORNER as CORNER_ECHO
 from datafactory.paths.candidates import Candidates
-from datafactory.paths.corner_aperture import (
-    BEAM_ZONES,
-    SPREAD_M,
-    Cells,
-    Views,
-    cells_along,
-    ends_along,
-    integrals,
-    longer_along,
-    pieces_in_sight,
-    place_of,
-    widths_across,
-    without_hidden,
-)
+from datafactory.paths.corner_aperture import BEAM_ZONES, SPREAD_M, Apertures, Views, longer_along, place_of
 from datafactory.paths.corners import CornerEdges, CornerPoints
 from datafactory.paths.diffraction import GRAZING, NEAREST_M, Heard, along_array
 from datafactory.paths.geometry import ray_margin_m
@@ -93,55 +78,23 @@ class CornerEchoes:
         """
         wavelength, number = self._view.wavelength_m, np.flatnonzero(worth).astype(np.int32)
         corners, views = self._corners.take(number), self._views.take(number)
-        cells = cells_along(corners, views, wavelength)
-        every = _Apertures(
-            number, corners, views, cells, pieces_in_sight(corners, cells, views, wavelength, self._view.sight)
-        )
+        every = Apertures.of(number, corners, views, wavelength)
+        looked_at = every.in_sight(self._view.sight)
         in_sight = np.zeros(len(number), dtype=bool)
-        np.logical_or.at(in_sight, cells.corner, every.pieces.any(axis=(0, 2)))
-        some = every.take(in_sight)
-        possible = np.abs(integrals(some.cells, some.views, wavelength, np.ones_like(some.pieces))).sum(axis=0)
+        np.logical_or.at(in_sight, every.cells.corner, looked_at.pieces.any(axis=(0, 2)))
+        possible = np.abs(every.take(in_sight).integrals()).sum(axis=0)
+        some = looked_at.take(in_sight)
         heard = np.pi * some.views.height**2 * possible**2 > float(db_to_power(FAINTEST_DBSM))
         counts = {"corners_faint": int((~heard).sum()), "corners_hidden": int((~in_sight).sum())}
-        return *_paths(self._view, some.take(heard)), counts
-
-
-@dataclass(frozen=True)
-class _Apertures:
-    """C corners with the pieces of their apertures.
-
-    :param number: [C] of the corners among the candidates
-    :param pieces: [2, K, ACROSS] whether a piece is in sight, of either order and of K cells
-    """
-
-    number: NDArray[np.int32]
-    corners: CornerEdges
-    views: Views
-    cells: Cells
-    pieces: Mask
-
-    def take(self, mask: Mask) -> _Apertures:
-        """Those of some corners."""
-        stay = mask[self.cells.corner]
-        cells = self.cells.take(stay)
-        cells = replace(cells, corner=(np.cumsum(mask) - 1)[cells.corner])
-        corners, views = self.corners.take(mask), self.views.take(mask)
-        return _Apertures(self.number[mask], corners, views, cells, self.pieces[:, stay])
+        return *_paths(self._view, some.take(heard).without_hidden()), counts
 
 
 def _facing(corners: CornerEdges, wavelength_m: float) -> tuple[Index, Views, Real, Real]:
     """The corners that the radar looks into, in front of it, and that may be heard: their indices, the views of them,
     the points nearest to the radar [C, 3], and the cross sections that no echo exceeds [C]."""
-    foot_z = -np.einsum("ci,ci->c", corners.origin, corners.direction)
-    foot = corners.origin + foot_z[:, None] * corners.direction
-    height = np.linalg.norm(foot, axis=1)
-    towards = -unit(foot)
-    angle = np.arctan2(
-        np.einsum("ci,ci->c", towards, corners.normal[:, 0]), np.einsum("ci,ci->c", towards, corners.into[:, 0])
-    )
-    opening = corners.opening
-    views = Views(foot, foot_z, height, angle, opening)
-    inside = (angle > GRAZING) & (angle < opening - GRAZING) & (height > NEAREST_M)
+    views = Views.of(corners)
+    angle, height = views.angle, views.height
+    inside = (angle > GRAZING) & (angle < views.opening - GRAZING) & (height > NEAREST_M)
     nearest = _nearest(corners, views)
     section = _bound(corners, views, nearest, wavelength_m)
     heard = section > float(db_to_power(FAINTEST_DBSM))
@@ -174,13 +127,11 @@ def _bound(corners: CornerEdges, views: Views, nearest: Real, wavelength_m: floa
     return np.pi * (h * across * along) ** 2
 
 
-def _paths(view: View, apertures: _Apertures) -> tuple[ScatteredPaths, SpecularPaths]:
+def _paths(view: View, apertures: Apertures) -> tuple[ScatteredPaths, SpecularPaths]:
     """The paths of both orders in the delay law that suits each corner."""
     wavelength, number, corners, views = view.wavelength_m, apertures.number, apertures.corners, apertures.views
-    cells, pieces = without_hidden(apertures.cells, apertures.pieces)
-    shares = integrals(cells, views, wavelength, pieces)
-    low, high = ends_along(cells, len(corners))
-    width = widths_across(cells, views, wavelength, len(corners))
+    shares, width = apertures.integrals(), apertures.widths_across()
+    low, high = apertures.ends_along()
     beside = (low >= 0.0) | (high <= 0.0)
     centre = np.where(beside | (high - low < 2.0 * WIDE), _phase_centre(low, high), 0.0)
     point = views.foot + place_of(centre, views.height, wavelength)[:, None] * corners.direction

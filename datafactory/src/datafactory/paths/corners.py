@@ -16,17 +16,16 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.bodies import Body, bodies_of
-from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of, one_after_another
-from datafactory.paths.free_extent import flattened, reach_around, strips
-from datafactory.paths.merged_scene import MergedScene, found_once, motions_of
+from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, one_after_another
+from datafactory.paths.free_extent import all_strips, quarters
+from datafactory.paths.merged_scene import MergedScene, found_once
 from datafactory.paths.planes import TOUCH_M, PlanarFaces, planar_faces_of
-from shared.physics.compiled import compiled
 from shared.physics.vectors import Index, Mask, Real, unit
 
 LEAST_REACH_M = 0.005
@@ -47,7 +46,6 @@ class CornerEdges(Placed):
     :param strips: [S, 6] start and end along the edge, the reach of the first face there, and that of the second [m]
     :param corner_of_strip: [S] rising
     :param face_of_triangle: [T] of the merged scene's triangles; -1 where a triangle has none
-    :param counts: ``right_angles`` (pairs of faces), ``corner_edges``
     """
 
     origin: Real = field(metadata=POINT)
@@ -60,7 +58,6 @@ class CornerEdges(Placed):
     strips: Real = field(metadata=WHOLE)
     corner_of_strip: Index = field(metadata=WHOLE)
     face_of_triangle: Index = field(metadata=WHOLE)
-    counts: dict[str, int] = field(metadata=WHOLE, default_factory=dict)
 
     @property
     def opening(self) -> Real:
@@ -83,17 +80,23 @@ class CornerEdges(Placed):
         np.maximum.at(high, self.corner_of_strip, self.strips[:, 1])
         return low, high
 
-    def within(self, distance_m: float) -> CornerEdges:
-        """The corners of which a part lies nearer than this to the origin [m]: in the radar frame, those in range."""
-        low, high = self.extent()
-        nearest = np.clip(-np.einsum("ci,ci->c", self.origin, self.direction), low, high)
-        return self.take(np.linalg.norm(self.origin + nearest[:, None] * self.direction, axis=1) < distance_m)
+    def nearest(self) -> Real:
+        """[C, 3] the point of each edge that lies nearest to the origin [m]."""
+        along = np.clip(-np.einsum("ci,ci->c", self.origin, self.direction), *self.extent())
+        return self.origin + along[:, None] * self.direction
 
     @cached_property
     def _joined_faces(self) -> tuple[Index, int]:
         """Numbers of the pairs of faces that make corners, rising, and what the lower face counts in them."""
         count, pairs = int(self.face_of_triangle.max(initial=-1)) + 1, np.sort(self.face, axis=1)
         return np.sort(pairs[:, 0] * count + pairs[:, 1]), count
+
+    def hold(self, triangles: Index) -> Mask:
+        """[n] whether of the faces of triangles [n, m] each pair makes a corner."""
+        joined = np.ones(len(triangles), dtype=bool)
+        for one, other in combinations(triangles.T, 2):
+            joined &= self.joins(one, other)
+        return joined
 
     def joins(self, triangle: Index, other: Index) -> Mask:
         """[n] whether two triangles [n] each belong to the two faces of one corner."""
@@ -108,8 +111,7 @@ class CornerEdges(Placed):
 def corners_of(merged_scene: MergedScene) -> CornerEdges:
     """All corners of a merged scene at its time, found once; those of bodies that turn for each time."""
     found = _found_edges(merged_scene.shapes)
-    velocity, shift = motions_of(merged_scene, found.face_mesh[:, 0])
-    return replace(found, velocity=velocity, shift=shift)
+    return found.moving_with(merged_scene, found.face_mesh[:, 0])
 
 
 @found_once
@@ -124,12 +126,11 @@ def _found_edges(merged_scene: MergedScene) -> CornerEdges:
         placed.append(replace(own, face=own.face + faces, corner_of_strip=own.corner_of_strip + before))
         faces += int(own.face_of_triangle.max(initial=-1)) + 1
         before += len(own)
-    return CornerEdges.joined(
+    return CornerEdges.of_bodies(
         placed,
         strips=one_after_another([own.strips for own in placed]),
         corner_of_strip=one_after_another([own.corner_of_strip for own in placed]),
         face_of_triangle=face_of_triangle,
-        counts=counts_of([own.counts for own in placed]),
     )
 
 
@@ -198,35 +199,6 @@ def _runs(pair: Index, sides: Real, pieces: Real, turned: Mask) -> tuple[Index, 
     return np.cumsum(begins) - 1, np.flatnonzero(begins)
 
 
-@compiled()
-def all_strips(triangles, order, starts, pairs, origin, along, across):
-    """The strips [S, 6] of all four quarters of every pair, with the pair [S] and the sides [S, 2] of each."""
-    found, owner, sides = np.zeros((1024, 6)), np.zeros(1024, dtype=np.int64), np.zeros((1024, 2))
-    count = 0
-    for p in range(len(pairs)):
-        one, other = pairs[p]
-        first = flattened(triangles, order[starts[one] : starts[one + 1]], origin[p], along[p], across[p, 0])
-        second = flattened(triangles, order[starts[other] : starts[other + 1]], origin[p], along[p], across[p, 1])
-        for quarter in range(4):
-            side_first, side_second = 1.0 - 2.0 * (quarter // 2), 1.0 - 2.0 * (quarter % 2)
-            pieces = strips(first, second, side_first, side_second)
-            while count + len(pieces) > len(found):
-                found, owner = np.concatenate((found, np.zeros_like(found))), np.concatenate((owner, owner))
-                sides = np.concatenate((sides, sides))
-            for s in range(len(pieces)):
-                for k in range(6):  # an assignment of rows takes 4 s to compile
-                    found[count, k] = pieces[s, k]
-                owner[count], sides[count, 0], sides[count, 1] = p, side_first, side_second
-                count += 1
-    return found[:count].copy(), owner[:count].copy(), sides[:count].copy()
-
-
-DIRECTIONS = 45
-"""In which the reach of a face is sampled over a right angle: every two degrees."""
-FARTHEST_M = 50.0
-"""Triangles that begin farther from the point are not looked at [m]."""
-
-
 @dataclass(frozen=True)
 class CornerPoints(Placed):
     """Q points.
@@ -237,7 +209,6 @@ class CornerPoints(Placed):
     :param off_square: [Q] largest difference of two edges from a right angle [rad]
     :param face_mesh: [Q, 3] index into ``MergedScene.meshes``
     :param object_index: [Q] index into ``MergedScene.objects`` of the first face
-    :param counts: ``corner_points``
     """
 
     apex: Real = field(metadata=POINT)
@@ -246,24 +217,21 @@ class CornerPoints(Placed):
     off_square: Real
     face_mesh: Index
     object_index: NDArray[np.int32]
-    counts: dict[str, int] = field(metadata=WHOLE, default_factory=dict)
 
-    def within(self, distance_m: float) -> CornerPoints:
-        """The points nearer than this to the origin [m]: in the radar frame, those in range."""
-        return self.take(np.linalg.norm(self.apex, axis=1) < distance_m)
+    def nearest(self) -> Real:
+        """[Q, 3] the points themselves."""
+        return self.apex
 
 
 def points_of(merged_scene: MergedScene) -> CornerPoints:
     """All trihedral corners of a merged scene at its time, found once; those of bodies that turn for each time."""
     found = _found_points(merged_scene.shapes)
-    velocity, shift = motions_of(merged_scene, found.face_mesh[:, 0])
-    return replace(found, velocity=velocity, shift=shift)
+    return found.moving_with(merged_scene, found.face_mesh[:, 0])
 
 
 @found_once
 def _found_points(merged_scene: MergedScene) -> CornerPoints:
-    parts = [_points_of_body(body) for body in bodies_of(merged_scene)]
-    return CornerPoints.joined(parts, counts=counts_of([part.counts for part in parts]))
+    return CornerPoints.of_bodies([_points_of_body(body) for body in bodies_of(merged_scene)])
 
 
 @found_once
@@ -272,8 +240,8 @@ def _points_of_body(body: Body) -> CornerPoints:
     faces, corners = planar_faces_of(body), body.corners
     triples = np.array(_triples(faces.pairs), dtype=np.int64).reshape(-1, 3)
     apex, edges = _apexes(faces, triples)
-    quarters = _quarters(corners, *faces.members(), triples, apex, edges, faces.normal[triples])
-    number, signs, reach = _octants(quarters)
+    around = quarters(corners, *faces.members(), triples, apex, edges, faces.normal[triples])
+    number, signs, reach = _octants(around)
     contact = {tuple(pair): triangles for pair, triangles in zip(faces.pairs.tolist(), faces.contact, strict=True)}
     # Of each face the triangle at its edge with the next: (a, b) -> a, (b, c) -> b, (a, c) -> c.
     triangle = np.array(
@@ -311,54 +279,15 @@ def _apexes(faces: PlanarFaces, triples: Index) -> tuple[Real, Real]:
     return centre[:, 0] + np.linalg.solve(normal, heights[..., None])[..., 0], unit(edges)
 
 
-def _octants(quarters: Real) -> tuple[Index, Real, Real]:
+def _octants(around: Real) -> tuple[Index, Real, Real]:
     """The octants in which three faces meet: number of the triple [Q], signs of its edges [Q, 3], reach of its faces
     [Q, 3, N]. Triple by triple.
 
-    :param quarters: [M, 3, 4, N], see :func:`_quarters`
+    :param around: [M, 3, 4, N], see :func:`.free_extent.quarters`
     """
     reversed_edges = np.array(list(product((0, 1), repeat=3)))  # [8, 3]
     quarter = 2 * np.roll(reversed_edges, -1, axis=1) + np.roll(reversed_edges, -2, axis=1)
-    wide = quarters.max(axis=3) >= LEAST_REACH_M
+    wide = around.max(axis=3) >= LEAST_REACH_M
     number, octant = np.nonzero(wide[:, np.arange(3), quarter].all(axis=2))
-    reach = quarters[number[:, None], np.arange(3), quarter[octant]]
+    reach = around[number[:, None], np.arange(3), quarter[octant]]
     return number, 1.0 - 2.0 * reversed_edges[octant], reach
-
-
-@compiled()
-def _quarters(triangles, order, starts, triples, apex, edges, normals):
-    """[M, 3, 4, N] reach of each face in the four quarters between its edges: both edges, the second reversed, ..."""
-    angles = (np.arange(DIRECTIONS) + 0.5) * 0.5 * np.pi / DIRECTIONS
-    result = np.zeros((len(triples), 3, 4, DIRECTIONS))
-    for m in range(len(triples)):
-        for i in range(3):
-            face, one, other = triples[m, i], edges[m, (i + 1) % 3], edges[m, (i + 2) % 3]
-            members = order[starts[face] : starts[face + 1]]
-            across, sense = np.empty(3), 0.0
-            for k in range(3):
-                after, last = (k + 1) % 3, (k + 2) % 3
-                across[k] = normals[m, i, after] * one[last] - normals[m, i, last] * one[after]
-                sense += across[k] * other[k]
-            flat = flattened(triangles, members, apex[m], one, across)
-            turned = np.empty_like(flat)
-            for quarter in range(4):
-                for t in range(len(flat)):  # by elements: slices and rows take seconds to compile
-                    for c in range(3):
-                        turned[t, c, 0] = flat[t, c, 0] * (1.0 - 2.0 * (quarter // 2))
-                        turned[t, c, 1] = flat[t, c, 1] * (1.0 - 2.0 * (quarter % 2)) * np.sign(sense)
-                reach = reach_around(_near(turned), angles)
-                for n in range(DIRECTIONS):
-                    result[m, i, quarter, n] = reach[n]
-    return result
-
-
-@compiled(cache=False)
-def _near(flat):
-    """The triangles of a face that begin near the origin and of which a part may lie in the first quarter."""
-    kept = np.empty(len(flat), dtype=np.bool_)
-    for t in range(len(flat)):
-        kept[t] = True
-        for k in range(2):
-            kept[t] &= min(flat[t, 0, k], flat[t, 1, k], flat[t, 2, k]) <= FARTHEST_M
-            kept[t] &= max(flat[t, 0, k], flat[t, 1, k], flat[t, 2, k]) >= 0.0
-    return flat[kept]

@@ -23,6 +23,10 @@ HALVINGS = 10
 """Of a piece in which the reach bends, at most."""
 INSIDE = 1e-6
 """Share of a piece by which its ends are moved inwards, off the triangles' corners."""
+DIRECTIONS = 45
+"""In which the reach of a face is sampled over a right angle: every two degrees."""
+FARTHEST_M = 50.0
+"""Triangles that begin farther from the point, or that have no part in the first quarter, are not looked at [m]."""
 
 
 @compiled(cache=False)
@@ -61,8 +65,10 @@ def strips(first, second, side_first, side_second):
         low, high = max(low, start), min(high, stop)
     if not high > low:
         return np.zeros((0, 6))
-    one, other = _over(first, low, high), _over(second, low, high)
-    one_side, other_side = _beside(one, side_first), _beside(other, side_second)
+    one, other = overlapping(first, 0, low, high), overlapping(second, 0, low, high)
+    # No triangle without a part on a side of the edge reaches anywhere there.
+    one_side = overlapping(one, 1, 0.0, np.inf) if side_first > 0.0 else overlapping(one, 1, -np.inf, 0.0)
+    other_side = overlapping(other, 1, 0.0, np.inf) if side_second > 0.0 else overlapping(other, 1, -np.inf, 0.0)
     if len(one_side) == 0 or len(other_side) == 0:
         return np.zeros((0, 6))
     corners = np.empty(3 * (len(one) + len(other)) + 2)
@@ -77,21 +83,12 @@ def strips(first, second, side_first, side_second):
 
 
 @compiled(cache=False)
-def _over(face, low, high):
-    """The triangles that lie over a piece of the edge."""
+def overlapping(face, axis, low, high):
+    """The triangles of a face [n, 3, 2] of which a part lies between two values of a coordinate."""
     kept = np.empty(len(face), dtype=np.bool_)
     for t in range(len(face)):
-        kept[t] = max(face[t, 0, 0], face[t, 1, 0], face[t, 2, 0]) > low
-        kept[t] &= min(face[t, 0, 0], face[t, 1, 0], face[t, 2, 0]) < high
-    return face[kept]
-
-
-@compiled(cache=False)
-def _beside(face, side):
-    """The triangles of which a part lies on a side of the edge: no other reaches anywhere there."""
-    kept = np.empty(len(face), dtype=np.bool_)
-    for t in range(len(face)):
-        kept[t] = max(side * face[t, 0, 1], side * face[t, 1, 1], side * face[t, 2, 1]) > 0.0
+        kept[t] = max(face[t, 0, axis], face[t, 1, axis], face[t, 2, axis]) > low
+        kept[t] &= min(face[t, 0, axis], face[t, 1, axis], face[t, 2, axis]) < high
     return face[kept]
 
 
@@ -190,4 +187,54 @@ def reach_around(triangles, angles):
                 turned[t, c, 0] = -sine * x + cosine * y
                 turned[t, c, 1] = cosine * x + sine * y
         result[k] = reach(turned, 0.0, 1.0)
+    return result
+
+
+@compiled()
+def all_strips(triangles, order, starts, pairs, origin, along, across):
+    """The strips [S, 6] of all four quarters of every pair, with the pair [S] and the sides [S, 2] of each."""
+    found, owner, sides = np.zeros((1024, 6)), np.zeros(1024, dtype=np.int64), np.zeros((1024, 2))
+    count = 0
+    for p in range(len(pairs)):
+        one, other = pairs[p]
+        first = flattened(triangles, order[starts[one] : starts[one + 1]], origin[p], along[p], across[p, 0])
+        second = flattened(triangles, order[starts[other] : starts[other + 1]], origin[p], along[p], across[p, 1])
+        for quarter in range(4):
+            side_first, side_second = 1.0 - 2.0 * (quarter // 2), 1.0 - 2.0 * (quarter % 2)
+            pieces = strips(first, second, side_first, side_second)
+            while count + len(pieces) > len(found):
+                found, owner = np.concatenate((found, np.zeros_like(found))), np.concatenate((owner, owner))
+                sides = np.concatenate((sides, sides))
+            for s in range(len(pieces)):
+                for k in range(6):  # an assignment of rows takes 4 s to compile
+                    found[count, k] = pieces[s, k]
+                owner[count], sides[count, 0], sides[count, 1] = p, side_first, side_second
+                count += 1
+    return found[:count].copy(), owner[:count].copy(), sides[:count].copy()
+
+
+@compiled()
+def quarters(triangles, order, starts, triples, apex, edges, normals):
+    """[M, 3, 4, N] reach of each face in the four quarters between its edges: both edges, the second reversed, ..."""
+    angles = (np.arange(DIRECTIONS) + 0.5) * 0.5 * np.pi / DIRECTIONS
+    result = np.zeros((len(triples), 3, 4, DIRECTIONS))
+    for m in range(len(triples)):
+        for i in range(3):
+            face, one, other = triples[m, i], edges[m, (i + 1) % 3], edges[m, (i + 2) % 3]
+            members = order[starts[face] : starts[face + 1]]
+            across, sense = np.empty(3), 0.0
+            for k in range(3):
+                after, last = (k + 1) % 3, (k + 2) % 3
+                across[k] = normals[m, i, after] * one[last] - normals[m, i, last] * one[after]
+                sense += across[k] * other[k]
+            flat = flattened(triangles, members, apex[m], one, across)
+            turned = np.empty_like(flat)
+            for quarter in range(4):
+                for t in range(len(flat)):  # by elements: slices and rows take seconds to compile
+                    for c in range(3):
+                        turned[t, c, 0] = flat[t, c, 0] * (1.0 - 2.0 * (quarter // 2))
+                        turned[t, c, 1] = flat[t, c, 1] * (1.0 - 2.0 * (quarter % 2)) * np.sign(sense)
+                reach = reach_around(overlapping(overlapping(turned, 0, 0.0, FARTHEST_M), 1, 0.0, FARTHEST_M), angles)
+                for n in range(DIRECTIONS):
+                    result[m, i, quarter, n] = reach[n]
     return result
