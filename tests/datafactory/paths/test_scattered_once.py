@@ -46,7 +46,7 @@ def solved(*objects: SceneObject, rays: int, pose: Pose = HERE, **settings) -> B
     chosen = TraceSettings(rays=rays, solver_share=1, **settings)
     geometry = placed(merged, pose)
     scene = solver_module.radio_scene(geometry, slabs(merged), chosen)
-    return solver_module.solve(scene, merged, chosen, RayFan(rays), 1).bundle
+    return solver_module.solve(scene, merged, chosen, RayFan(rays), 1)[0]
 
 
 def chance_of(part: Bundle, merged: MergedScene) -> NDArray[np.float64]:
@@ -201,7 +201,7 @@ def test_power_is_sionnas_own(objects, polarization):
         fan = RayFan(rays, (0.37 * seed, 0.11 * seed))
         (twice,) = scattered_twice(first_hits(objects, settings, fan), seed)
         ours += float(twice.power.sum())
-        solved = solver_module.solve(scene, merged, settings, fan, seed).bundle
+        solved = solver_module.solve(scene, merged, settings, fan, seed)[0]
         theirs += powers(of_kinds(solved, DIFFUSE, DIFFUSE), fan)
     assert decibels_of(ours / theirs) == pytest.approx(0.0, abs=0.2)
 

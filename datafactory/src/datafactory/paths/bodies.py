@@ -86,7 +86,7 @@ def bodies_of(merged_scene: MergedScene) -> tuple[Body, ...]:
         members.setdefault(mesh.rigid_body, []).append(index)
     bodies = []
     for number, each in enumerate(members.values()):
-        stays = known is not None and merged_scene.meshes[each[0]].turned is None
+        stays = known is not None and not merged_scene.meshes[each[0]].turning
         bodies.append(known[number] if known is not None and stays else _body(merged_scene, each))
     return tuple(bodies) or (_body(merged_scene, []),)
 

@@ -54,18 +54,6 @@ def found_once(find: Callable[[Subject], Value]) -> Callable[[Subject], Value]:
 
 
 @dataclass(frozen=True, eq=False)
-class Turned:
-    """What a merged mesh has that turns or changes its shape, at one time.
-
-    :param parts: its objects
-    :param velocities: [V, 3] of its vertices [m/s]
-    """
-
-    parts: tuple[SceneObject, ...]
-    velocities: Real
-
-
-@dataclass(frozen=True, eq=False)
 class MergedMesh:
     """Objects of one material and one motion as one mesh, at one time.
 
@@ -76,7 +64,8 @@ class MergedMesh:
     :param track: how it is shifted; None: straight on with ``velocity``
     :param body: the meshes of one rigid body have equal ones
     :param shift: [3] what is to be added to the vertices [m]: the displacement from time 0
-    :param turned: None for what does not turn
+    :param turning: its objects, of what turns or changes its shape; none of all else
+    :param vertex_velocities: [V, 3] of what turns, world [m/s]
     """
 
     slab: Material
@@ -87,7 +76,8 @@ class MergedMesh:
     track: Track | None = None
     body: Hashable = None
     shift: Real = field(default_factory=lambda: np.zeros(3))
-    turned: Turned | None = None
+    turning: tuple[SceneObject, ...] = ()
+    vertex_velocities: Real = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def material(self) -> str:
@@ -97,7 +87,7 @@ class MergedMesh:
     @property
     def moves(self) -> bool:
         """Whether it is elsewhere at another time."""
-        return self.turned is not None or self.track is not None or bool(np.any(self.velocity))
+        return bool(self.turning) or self.track is not None or bool(np.any(self.velocity))
 
     @property
     def rigid_body(self) -> Hashable:
@@ -108,16 +98,16 @@ class MergedMesh:
         """The mesh at a time, of a mesh at time 0."""
         if not self.moves:
             return self
-        if self.turned is None:
+        if not self.turning:
             shift, velocity = drift(triple(self.velocity), self.track, time_s)
             return replace(self, shift=shift, velocity=velocity)
-        instants = [part.at(time_s) for part in self.turned.parts]
+        instants = [part.at(time_s) for part in self.turning]
         velocities = np.concatenate([item.velocities for item in instants])
         return replace(
             self,
             vertices=np.concatenate([item.vertices for item in instants]),
             velocity=velocities.mean(axis=0),
-            turned=replace(self.turned, velocities=velocities),
+            vertex_velocities=velocities,
         )
 
     def seen_from(self, pose: Pose) -> NDArray[np.float32]:
@@ -163,7 +153,7 @@ class MergedScene:
     @cached_property
     def turned(self) -> Mask:
         """[M] whether a mesh has other vertices at another time, and not only another place."""
-        return np.array([mesh.turned is not None for mesh in self.meshes], dtype=bool)
+        return np.array([bool(mesh.turning) for mesh in self.meshes], dtype=bool)
 
     @property
     def turns(self) -> bool:
@@ -190,8 +180,8 @@ class MergedScene:
         """[T, 3, 3] of the corners of what turns, world [m/s]; 0 of all else."""
         velocities = np.zeros_like(self.corners)
         for mesh, first in zip(self.meshes, self.first, strict=False):
-            if mesh.turned is not None:
-                velocities[first : first + len(mesh.triangles)] = mesh.turned.velocities[mesh.triangles]
+            if mesh.turning:
+                velocities[first : first + len(mesh.triangles)] = mesh.vertex_velocities[mesh.triangles]
         return velocities
 
     @cached_property
@@ -279,11 +269,6 @@ def barycentric(corners: Real, point: Real) -> Real:
     return weights
 
 
-def motions_of(merged_scene: MergedScene, mesh: Index) -> tuple[Real, Real]:
-    """Velocities [n, 3] [m/s] and shifts [n, 3] [m] of the meshes [n] of a merged scene."""
-    return merged_scene.velocities[mesh], merged_scene.shifts[mesh]
-
-
 def merge_scene(scene: Scene, materials: MaterialMapping) -> MergedScene:
     """Merge a scene's objects; the order depends on names, velocities and the objects' own order alone."""
     groups: dict[tuple[str, Vector, Hashable], list[int]] = defaultdict(list)
@@ -304,7 +289,8 @@ def merge_scene(scene: Scene, materials: MaterialMapping) -> MergedScene:
             object_of_triangle=np.repeat(members, [len(part.triangles) for part in parts]).astype(np.int32),
             track=track,
             body=body,
-            turned=Turned(tuple(parts), np.zeros_like(every)) if body is not None and track is None else None,
+            turning=tuple(parts) if body is not None and track is None else (),
+            vertex_velocities=np.zeros_like(every),
         )
         meshes.append(mesh)
     names = tuple(item.name for item in scene.objects) + tuple(target.name for target in scene.targets)

@@ -37,7 +37,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 
@@ -251,10 +250,7 @@ def chain_candidates(family: int, sequences: Sequence[Index], view: View, corner
     for sequence in sequences:
         some = np.unique(sequence, axis=0)
         if corners is not None:
-            own = np.ones(len(some), dtype=bool)
-            for one, other in combinations(some.T, 2):
-                own &= corners.joins(one, other)
-            some = some[~own]
+            some = some[~corners.hold(some)]
         image, departure = _closed(view.corners[some], view.normals[some], view.heights[some])
         length = np.linalg.norm(image, axis=1)
         power = (wavelength_m / (4.0 * np.pi * np.maximum(length, wavelength_m))) ** 2

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.defaults import DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH
+from datafactory.defaults import DEFAULT_DEPTH, DEFAULT_RAYS
 from datafactory.paths.backend import select_variant
 from datafactory.paths.columns import Columns
 from datafactory.paths.geometry import Geometry, name_of
@@ -94,11 +94,6 @@ class TraceSettings:
         return self.depth + (CROSSINGS if self.refraction else 0)
 
     @property
-    def of_mirrors(self) -> TraceSettings:
-        """How chains of mirrors are followed."""
-        return replace(self, depth=LARGEST_DEPTH, diffuse=False)
-
-    @property
     def most_in_a_cell(self) -> int:
         """``paths_a_cell``, and of more rays than the default's as many times more.
 
@@ -132,11 +127,6 @@ class Bundle(Columns):
         whole = np.zeros((0, depth), dtype=np.int64)
         return Bundle(np.zeros((0, depth, 3)), whole, whole, whole[:, 0], np.zeros(0, dtype=np.complex128))
 
-    @property
-    def scatterings(self) -> int:
-        """Diffuse bounces of its paths, which are of the same kinds; 0 where there are no paths."""
-        return int((self.interactions[:1] == DIFFUSE).sum())
-
     def of_bounces(self, count: int) -> Bundle:
         """Its paths of so many bounces."""
         if count > self.interactions.shape[1]:
@@ -156,19 +146,6 @@ class Bundle(Columns):
         """The same paths, sorted by their vertices: the solver's order depends on which of its threads ends first."""
         count, depth = self.interactions.shape
         return self.take(np.lexsort(self.vertices.reshape(count, 3 * depth).T[::-1]))
-
-
-@dataclass(frozen=True)
-class Solved:
-    """What the solver returned.
-
-    :param invalid: padded entries
-    :param truncated: 1 where the solver's capacity was reached
-    """
-
-    bundle: Bundle
-    invalid: int
-    truncated: int
 
 
 def radio_scene(geometry: Geometry, slabs: Slabs, settings: TraceSettings) -> Any:
@@ -238,12 +215,15 @@ def solver_paths(scene: Any, settings: TraceSettings, fan: RayFan, seed: int) ->
         )
 
 
-def solve(scene: Any, merged_scene: MergedScene, settings: TraceSettings, fan: RayFan, seed: int) -> Solved:
+def solve(
+    scene: Any, merged_scene: MergedScene, settings: TraceSettings, fan: RayFan, seed: int
+) -> tuple[Bundle, dict[str, int]]:
     """Trace one frame.
 
     :param scene: of :func:`radio_scene`
     :param fan: all rays of the frame, of which ``settings`` say how many are followed
     :param seed: of the solver's choices between kinds of bounce; 0 to 2**32 - 1
+    :return: the paths; counts: ``invalid``, padded entries, and ``truncated``, 1 where the capacity was reached
     """
     fan = replace(fan, count=settings.solver_rays(fan.count))
     paths = solver_paths(scene, settings, fan, seed)
@@ -251,7 +231,8 @@ def solve(scene: Any, merged_scene: MergedScene, settings: TraceSettings, fan: R
     shapes = {scene.objects[name_of(index)].object_id: begin for index, begin in enumerate(first)}
     valid = paths.valid.numpy().reshape(-1)
     bundle = _without_crossings(_bundle_of(paths, valid, shapes), settings.depth)
-    return Solved(bundle, int((~valid).sum()), int(valid.sum() >= settings.capacity(fan.count)))
+    truncated = int(valid.sum() >= settings.capacity(fan.count))
+    return bundle, {"invalid": int((~valid).sum()), "truncated": truncated}
 
 
 @contextmanager
