@@ -175,10 +175,10 @@ CORNERS = [
 def apertures() -> Apertures:
     """Corners whose edges have the foot of the perpendicular and others, small, wide, unequal and off square."""
     faces = [item for n, faces in enumerate(CORNERS) for item in meshes_of(faces, cuts=2 + n)]
-    facing, views, _, _ = corner_echoes._facing(corners_seen(scene_of(*faces)), WAVELENGTH_M)
+    facing, _ = corner_echoes._facing(corners_seen(scene_of(*faces)), WAVELENGTH_M)
     corners = corners_seen(scene_of(*faces)).take(facing)
     assert len(corners) >= len(CORNERS)
-    return Apertures.of(np.arange(len(corners), dtype=np.int32), corners, views, WAVELENGTH_M)
+    return Apertures.of(np.arange(len(corners), dtype=np.int32), corners, WAVELENGTH_M)
 
 
 def test_a_leg_behind_a_hidden_one_is_not_looked_at_and_nothing_else_changes(apertures) -> None:

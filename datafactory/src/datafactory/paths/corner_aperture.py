@@ -1,7 +1,7 @@
 """The aperture of right-angled corners: pieces along the edge, what either order of the faces opens, Fresnel integrals.
 
-The equations stand in :mod:`datafactory.paths.corner_echoes`. A piece is in sight
-where both legs to a point of either face are free; the aperture of either order is looked at within the first zones.
+The equations stand in :mod:`datafactory.paths.corner_echoes`. A piece is in sight where both legs to a point of either
+face are free; the aperture of either order is looked at within the first zones.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from datafactory.paths.corners import CornerEdges
 from datafactory.paths.diffraction import GRAZING
 from datafactory.paths.geometry import ray_margin_m
 from shared.physics.compiled import compiled
-from shared.physics.vectors import Complex, Index, Mask, Real, unit
+from shared.physics.vectors import Complex, Index, Mask, Real
 
 SPREAD_M = 0.15
 """Difference in path length at which an end of the aperture has faded to 1/e [m]: half a range cell of the default
@@ -32,35 +32,6 @@ BEAM_ZONES = 2.0
 """Half width of the aperture in which sight is tested [Fresnel radii sqrt(lambda h / 2)]."""
 ACROSS = 3
 """Points across the aperture in which sight is tested, for each order."""
-
-
-@dataclass(frozen=True)
-class Views(Columns):
-    """C corners as the radar at the origin sees them, in their own coordinates.
-
-    :param foot: [C, 3] of the perpendicular on the edge's line [m]; :param foot_z: [C] its place along the edge
-    :param height: [C] h [m]; :param angle: [C] of the radar from the first face; :param opening: [C] psi [rad]
-    """
-
-    foot: Real
-    foot_z: Real
-    height: Real
-    angle: Real
-    opening: Real
-
-    @staticmethod
-    def of(corners: CornerEdges) -> Views:
-        """Of corners in the radar frame."""
-        foot_z = -np.einsum("ci,ci->c", corners.origin, corners.direction)
-        foot = corners.origin + foot_z[:, None] * corners.direction
-        towards = -unit(foot)
-        normal, into = (np.einsum("ci,ci->c", towards, axes[:, 0]) for axes in (corners.normal, corners.into))
-        return Views(foot, foot_z, np.linalg.norm(foot, axis=1), np.arctan2(normal, into), corners.opening)
-
-    @property
-    def shortest(self) -> Real:
-        """[C] L* [m]."""
-        return 2.0 * self.height * np.sin(self.opening)
 
 
 @dataclass(frozen=True)
@@ -98,19 +69,17 @@ def place_of(v: Real, height: Real, wavelength_m: float) -> Real:
     return np.sign(v) * np.sqrt(half * (half + 2.0 * height))
 
 
-def cells_along(corners: CornerEdges, views: Views, wavelength_m: float) -> Cells:
+def _cells_along(corners: CornerEdges, wavelength_m: float) -> Cells:
     """The strips in cells that are narrow near the foot of the perpendicular."""
     of = corners.corner_of_strip
-    height, foot_z = views.height[of], views.foot_z[of]
-    low, high = corners.extent()
-    nearest = np.clip(views.foot_z, low, high) - views.foot_z
-    least = longer_along(nearest, views.height)
-    farthest = place_of(np.sqrt(4.0 * (least + FADED * SPREAD_M) / wavelength_m), views.height, wavelength_m)[of]
+    height, foot_z, nearest = corners.height[of], corners.foot_z[of], corners.beside
+    least = longer_along(nearest, corners.height)
+    farthest = place_of(np.sqrt(4.0 * (least + FADED * SPREAD_M) / wavelength_m), corners.height, wavelength_m)[of]
     from_foot = corners.strips[:, :2] - foot_z[:, None]
     within = np.clip(from_foot, -farthest[:, None], farthest[:, None])
     used = np.flatnonzero(within[:, 1] > within[:, 0])
     within, of, height = within[used], of[used], height[used]
-    strip, place = corners.strips[used], views.foot_z[of]
+    strip, place = corners.strips[used], corners.foot_z[of]
     bent = np.abs(strip[:, [3, 5]] - strip[:, [2, 4]]).max(axis=1, initial=0.0) > 1e-4
     bent |= nearest[of] != 0.0
     count = np.where(bent, CELLS[1], CELLS[0])
@@ -171,17 +140,10 @@ class FaceOrder:
         return np.minimum(end, below / opening * np.maximum(self.beyond, 0.0))
 
     def longer(self, b: Real) -> Real:
-        """[...] L(b) - L* [m]; a trailing axis of b is one of points."""
-        h, phi, psi = (_like(value, b) for value in (self.height, self.angle, self.opening))
+        """[K, n] L(b) - L* [m] of points b [K, n]."""
+        h, phi, psi = (value[:, None] for value in (self.height, self.angle, self.opening))
         legs = [np.sqrt(h * h + b * b - 2.0 * h * b * np.cos(psi + turn * phi)) for turn in (1.0, -1.0)]
         return np.maximum(legs[0] + legs[1] - 2.0 * h * np.sin(psi), 0.0)
-
-    def share_to(self, b: Real, wavelength_m: float) -> Complex:
-        """F across from b* to b."""
-        h, phi, psi = (_like(value, b) for value in (self.height, self.angle, self.opening))
-        longer = self.longer(b)
-        side = np.sign(b * np.cos(phi) - h * np.cos(psi))
-        return _from_foot(side * np.sqrt(4.0 * longer / wavelength_m), longer)
 
     def beam(self, wavelength_m: float) -> Real:
         """[K, ACROSS] b at the middles of the pieces of the aperture in which sight is tested [m]."""
@@ -192,12 +154,10 @@ class FaceOrder:
         """[K, ACROSS] F across of the pieces of the aperture."""
         middle = self.beam(wavelength_m)
         begin, end = np.zeros((len(middle), 1)), self.end()[:, None]
-        ends = np.concatenate([begin, middle[:, :-1] + middle[:, :1], end], axis=1)
-        return np.diff(self.share_to(ends, wavelength_m), axis=1)
-
-
-def _like(value: Real, points: Real) -> Real:
-    return value if points.ndim == 1 else value[:, None]
+        b = np.concatenate([begin, middle[:, :-1] + middle[:, :1], end], axis=1)
+        side = np.sign(b * np.cos(self.angle)[:, None] - (self.height * np.cos(self.opening))[:, None])
+        longer = self.longer(b)
+        return np.diff(_from_foot(side * np.sqrt(4.0 * longer / wavelength_m), longer), axis=1)
 
 
 @dataclass(frozen=True)
@@ -205,38 +165,37 @@ class Apertures:
     """C corners whose apertures are cut into pieces: K cells along the edges, ``ACROSS`` pieces each in either order.
 
     :param number: [C] of the corners among the candidates
-    :param corners: in the radar frame; :param views: of them
+    :param corners: in the radar frame
     :param pieces: [2, K, ACROSS] which pieces are taken to be in sight
     """
 
     number: NDArray[np.int32]
     corners: CornerEdges
-    views: Views
     cells: Cells
     pieces: Mask
     wavelength_m: float
 
     @staticmethod
-    def of(number: NDArray[np.int32], corners: CornerEdges, views: Views, wavelength_m: float) -> Apertures:
+    def of(number: NDArray[np.int32], corners: CornerEdges, wavelength_m: float) -> Apertures:
         """With all pieces, as if nothing stood before them."""
-        cells = cells_along(corners, views, wavelength_m)
-        return Apertures(number, corners, views, cells, np.ones((2, len(cells), ACROSS), dtype=bool), wavelength_m)
+        cells = _cells_along(corners, wavelength_m)
+        return Apertures(number, corners, cells, np.ones((2, len(cells), ACROSS), dtype=bool), wavelength_m)
 
     @cached_property
     def orders(self) -> tuple[FaceOrder, FaceOrder]:
         """Both orders of the faces."""
-        here, reach, beyond = self.views.take(self.cells.corner), self.cells.reach, self.cells.beyond
+        corners, of, reach, beyond = self.corners, self.cells.corner, self.cells.reach, self.cells.beyond
+        height, angle, opening = corners.height[of], corners.angle[of], corners.opening[of]
         return (
-            FaceOrder(here.height, here.angle, here.opening, reach, beyond),
-            FaceOrder(here.height, here.opening - here.angle, here.opening, reach[:, ::-1], beyond),
+            FaceOrder(height, angle, opening, reach, beyond),
+            FaceOrder(height, opening - angle, opening, reach[:, ::-1], beyond),
         )
 
     def take(self, mask: Mask) -> Apertures:
         """Those of some corners."""
         some = self._of_cells(mask[self.cells.corner])
         cells = replace(some.cells, corner=(np.cumsum(mask) - 1)[some.cells.corner])
-        corners, views = self.corners.take(mask), self.views.take(mask)
-        return replace(some, number=self.number[mask], corners=corners, views=views, cells=cells)
+        return replace(some, number=self.number[mask], corners=self.corners.take(mask), cells=cells)
 
     def without_hidden(self) -> Apertures:
         """Without the cells of which no piece is in sight."""
@@ -262,7 +221,7 @@ class Apertures:
 
     def widths_across(self) -> Real:
         """v [C] from the edge to the aperture's narrower end, weighted with the cells' shares."""
-        ends = [one.longer(one.end()) for one in self.orders]
+        ends = [one.longer(one.end()[:, None])[:, 0] for one in self.orders]
         v = np.sqrt(4.0 * np.minimum(*ends) / self.wavelength_m)
         weight, count = np.abs(self.cells.shares_along(self.wavelength_m)), len(self.number)
         total = np.bincount(self.cells.corner, weight, count)
@@ -278,7 +237,7 @@ class Apertures:
                 here = np.flatnonzero(seen[order])
                 into, normal = (np.ascontiguousarray(axes[:, face]) for axes in (corners.into, corners.normal))
                 point = _points_before_faces(
-                    here, leg == 0, place, one.bend, (self.views.foot, corners.direction), (into, normal)
+                    here, leg == 0, place, one.bend, (corners.foot, corners.direction), (into, normal)
                 )
                 seen[order, here] = sight(np.zeros_like(point), point)
         return replace(self, pieces=seen.reshape(self.pieces.shape))

@@ -38,7 +38,7 @@ from scipy.special import fresnel
 
 from datafactory.paths.candidates import CORNER as CORNER_ECHO
 from datafactory.paths.candidates import Candidates
-from datafactory.paths.corner_aperture import BEAM_ZONES, SPREAD_M, Apertures, Views, longer_along, place_of
+from datafactory.paths.corner_aperture import BEAM_ZONES, SPREAD_M, Apertures, longer_along, place_of
 from datafactory.paths.corners import CornerEdges, CornerPoints
 from datafactory.paths.diffraction import GRAZING, NEAREST_M, Heard, along_array
 from datafactory.paths.geometry import ray_margin_m
@@ -47,7 +47,7 @@ from datafactory.paths.table import CORNER, ScatteredPaths, SpecularPaths
 from datafactory.paths.view import View, polarization_axis
 from shared.physics.compiled import compiled
 from shared.physics.units import db_to_power
-from shared.physics.vectors import Complex, Index, Mask, Real, unit
+from shared.physics.vectors import Complex, Index, Mask, Real, lengths, unit
 
 FAINTEST_DBSM = -45.0
 """Echoes of smaller cross sections are left out."""
@@ -55,6 +55,13 @@ WIDE = 1.0
 """v from the edge to the aperture's end from which the echo has the delay of an image; below, that of a point."""
 SHORT = 1.0
 """v between phase centre and an end of the edge below which a corner ends there as a body would."""
+AROUND = 720
+"""Directions around the apex over which the aperture is summed."""
+OPPOSITE = np.roll(np.arange(AROUND), AROUND // 2)
+LOOKS = 24
+"""Directions around the apex in which sight is tested; AROUND is a multiple of it."""
+OFF_CYCLES = 0.125
+"""Largest turn of the phase across the aperture [cycles] of a corner that counts as right-angled."""
 
 
 class CornerEchoes:
@@ -62,14 +69,14 @@ class CornerEchoes:
 
     def __init__(self, view: View) -> None:
         self._view = view
-        facing, self._views, self._nearest, self._section = _facing(view.corner_edges, view.wavelength_m)
+        facing, self._section = _facing(view.corner_edges, view.wavelength_m)
         self._corners = view.corner_edges.take(facing)
 
     @property
     def candidates(self) -> Candidates:
         """Of every corner that the radar looks into: its apertures are cut into pieces for those that are followed."""
-        power = self._view.wavelength_m**2 * self._section / (64.0 * np.pi**3 * self._views.height**4)
-        return Candidates.of(CORNER_ECHO, self._nearest, power)
+        power = self._view.wavelength_m**2 * self._section / (64.0 * np.pi**3 * self._corners.height**4)
+        return Candidates.of(CORNER_ECHO, self._corners.nearest(), power)
 
     def seen(self, worth: Mask) -> Heard:
         """Small corners and wide ones, with the delay law that suits either, and counts.
@@ -77,64 +84,54 @@ class CornerEchoes:
         Most corners of a scene are hidden: the integrals are of those in sight.
         """
         wavelength, number = self._view.wavelength_m, np.flatnonzero(worth).astype(np.int32)
-        corners, views = self._corners.take(number), self._views.take(number)
-        every = Apertures.of(number, corners, views, wavelength)
+        every = Apertures.of(number, self._corners.take(number), wavelength)
         looked_at = every.in_sight(self._view.sight)
         in_sight = np.zeros(len(number), dtype=bool)
         np.logical_or.at(in_sight, every.cells.corner, looked_at.pieces.any(axis=(0, 2)))
         possible = np.abs(every.take(in_sight).integrals()).sum(axis=0)
         some = looked_at.take(in_sight)
-        heard = np.pi * some.views.height**2 * possible**2 > float(db_to_power(FAINTEST_DBSM))
+        heard = np.pi * some.corners.height**2 * possible**2 > float(db_to_power(FAINTEST_DBSM))
         counts = {"corners_faint": int((~heard).sum()), "corners_hidden": int((~in_sight).sum())}
         return *_paths(self._view, some.take(heard).without_hidden()), counts
 
 
-def _facing(corners: CornerEdges, wavelength_m: float) -> tuple[Index, Views, Real, Real]:
-    """The corners that the radar looks into, in front of it, and that may be heard: their indices, the views of them,
-    the points nearest to the radar [C, 3], and the cross sections that no echo exceeds [C]."""
-    views = Views.of(corners)
-    angle, height = views.angle, views.height
-    inside = (angle > GRAZING) & (angle < views.opening - GRAZING) & (height > NEAREST_M)
-    nearest = _nearest(corners, views)
-    section = _bound(corners, views, nearest, wavelength_m)
+def _facing(corners: CornerEdges, wavelength_m: float) -> tuple[Index, Real]:
+    """The corners that the radar looks into, in front of it, and that may be heard: their indices, and the cross
+    sections that no echo exceeds."""
+    inside = (corners.angle > GRAZING) & (corners.angle < corners.opening - GRAZING) & (corners.height > NEAREST_M)
+    section = _bound(corners, wavelength_m)
     heard = section > float(db_to_power(FAINTEST_DBSM))
-    index = np.flatnonzero(inside & heard & (nearest[:, 0] >= -AHEAD_M))
-    return index, views.take(index), nearest[index], section[index]
+    index = np.flatnonzero(inside & heard & (corners.nearest()[:, 0] >= -AHEAD_M))
+    return index, section[index]
 
 
-def _nearest(corners: CornerEdges, views: Views) -> Real:
-    """[C, 3] the point of each edge that is nearest to the radar."""
-    low, high = corners.extent()
-    beside = np.clip(views.foot_z, low, high) - views.foot_z
-    return views.foot + beside[:, None] * corners.direction
-
-
-def _bound(corners: CornerEdges, views: Views, nearest: Real, wavelength_m: float) -> Real:
+def _bound(corners: CornerEdges, wavelength_m: float) -> Real:
     """[C] cross section [m^2] that no echo of a corner exceeds.
 
     |F| is at most the width in v over sqrt(2), and 2 beyond 3 zones. From an end at v on, it is at most 1 / (pi v) of
     either end along the edge.
     """
-    h = np.maximum(views.height, NEAREST_M)
+    h = np.maximum(corners.height, NEAREST_M)
     narrow = np.minimum(corners.strips[:, 2:4].max(axis=1), corners.strips[:, 4:6].max(axis=1))
     width, length = np.zeros((2, len(corners)))
     np.maximum.at(width, corners.corner_of_strip, narrow)
     np.add.at(length, corners.corner_of_strip, corners.strips[:, 1] - corners.strips[:, 0])
     zone = np.sqrt(0.25 * wavelength_m * h)
     across = np.minimum(2.0 * width / zone, 2.0)
-    beside = np.sqrt(4.0 * longer_along(np.linalg.norm(nearest - views.foot, axis=1), h) / wavelength_m)
+    beside = np.sqrt(4.0 * longer_along(lengths(corners.nearest() - corners.foot), h) / wavelength_m)
     along = np.minimum(np.minimum(length / zone, 2.0), 2.0 / (np.pi * np.maximum(beside, 1e-3)))
     return np.pi * (h * across * along) ** 2
 
 
 def _paths(view: View, apertures: Apertures) -> tuple[ScatteredPaths, SpecularPaths]:
     """The paths of both orders in the delay law that suits each corner."""
-    wavelength, number, corners, views = view.wavelength_m, apertures.number, apertures.corners, apertures.views
+    wavelength, number, corners = view.wavelength_m, apertures.number, apertures.corners
+    shortest = 2.0 * corners.height * np.sin(corners.opening)
     shares, width = apertures.integrals(), apertures.widths_across()
     low, high = apertures.ends_along()
     beside = (low >= 0.0) | (high <= 0.0)
     centre = np.where(beside | (high - low < 2.0 * WIDE), _phase_centre(low, high), 0.0)
-    point = views.foot + place_of(centre, views.height, wavelength)[:, None] * corners.direction
+    point = corners.foot + place_of(centre, corners.height, wavelength)[:, None] * corners.direction
     level = along_array(corners.direction, unit(point))
     image = ~beside & np.where(level, high - low >= 2.0 * WIDE, width >= WIDE)
     # A corner that is short along its edge moves as a body; of a long one the edge slides through the point.
@@ -146,14 +143,14 @@ def _paths(view: View, apertures: Apertures) -> tuple[ScatteredPaths, SpecularPa
         over_faces(view, order, corners.face_mesh, corners.normal, unit(point)) for order in ((0, 1), (1, 0))
     ])  # fmt: skip
     axes = np.concatenate([_turn(corners, order) for order in (0, 1)])
-    amplitude = np.conj(gamma) * (wavelength / (4.0 * np.pi * views.shortest))[both] * shares.reshape(-1)
+    amplitude = np.conj(gamma) * (wavelength / (4.0 * np.pi * shortest))[both] * shares.reshape(-1)
     owner = corners.object_index[both]
     specular = SpecularPaths.of(
-        _moved_by(axes, views.foot[both]), _moved_by(axes, corners.velocity[both]), axes, amplitude, owner, CORNER, 2,
+        _moved_by(axes, corners.foot[both]), _moved_by(axes, corners.velocity[both]), axes, amplitude, owner, CORNER, 2,
         number[both],
     )  # fmt: skip
     # The integral's phase counts from L*, the table's from the way to the point and back.
-    rest = views.shortest - 2.0 * np.linalg.norm(point, axis=1)
+    rest = shortest - 2.0 * np.linalg.norm(point, axis=1)
     lag = np.exp(2j * np.pi * (rest / wavelength % 1.0))[both]
     scattered = ScatteredPaths.of_points(point[both], velocity[both], amplitude * lag, owner, CORNER, 2, number[both])
     return scattered.take(~images), specular.take(images)
@@ -197,14 +194,6 @@ def over_faces(view: View, order: Sequence[int], mesh: Index, normal: Real, dire
     return np.einsum("ci,ci->c", field, received)
 
 
-AROUND = 720
-"""Directions around the apex over which the aperture is summed."""
-LOOKS = 24
-"""Directions around the apex in which sight is tested; AROUND is a multiple of it."""
-OFF_CYCLES = 0.125
-"""Largest turn of the phase across the aperture [cycles] of a corner that counts as right-angled."""
-
-
 class CornerPointEchoes:
     """Echoes of trihedral corners to the radar, at the origin."""
 
@@ -216,9 +205,8 @@ class CornerPointEchoes:
         facing &= (range_m > NEAREST_M) & (points.apex[:, 0] >= -AHEAD_M)
         points, range_m, home = points.take(facing), range_m[facing], home[facing]
         face, rim, width, longer = _outline(points, home)
-        opposite = np.roll(np.arange(AROUND), AROUND // 2)
-        longer = np.minimum(longer, longer[:, opposite])
-        width = np.minimum(width, width[:, opposite])
+        longer = np.minimum(longer, longer[:, OPPOSITE])
+        width = np.minimum(width, width[:, OPPOSITE])
         used = np.minimum(width.max(axis=1, initial=0.0), BEAM_ZONES * np.sqrt(0.5 * wavelength * range_m))
         square = 4.0 * used * points.off_square < OFF_CYCLES * wavelength
         local = 1.0 - np.exp(2j * np.pi * longer / wavelength - (longer / SPREAD_M) ** 2)
@@ -239,13 +227,12 @@ class CornerPointEchoes:
         """Small corners and wide ones, with the delay law that suits either, and counts."""
         number = np.flatnonzero(worth).astype(np.int32)
         points, face, local = self._points.take(number), self._face[number], self._local[number]
-        opposite = np.roll(np.arange(AROUND), AROUND // 2)
         seen = _in_sight(points, face, self._rim[number], self._view)
-        local = np.where(seen & seen[:, opposite], local, 0.0)
+        local = np.where(seen & seen[:, OPPOSITE], local, 0.0)
         amplitude = np.zeros(len(points), dtype=np.complex128)
         for first in range(3):
             for last in {0, 1, 2} - {first}:
-                here = (face == first) & (face[:, opposite] == last)
+                here = (face == first) & (face[:, OPPOSITE] == last)
                 order = (first, 3 - first - last, last)
                 gamma = over_faces(self._view, order, points.face_mesh, points.axes, unit(points.apex))
                 amplitude += np.conj(gamma) * np.where(here, local, 0.0).sum(axis=1) / AROUND

@@ -26,7 +26,7 @@ from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, one_after
 from datafactory.paths.free_extent import all_strips, quarters
 from datafactory.paths.merged_scene import MergedScene, found_once
 from datafactory.paths.planes import TOUCH_M, PlanarFaces, planar_faces_of
-from shared.physics.vectors import Index, Mask, Real, unit
+from shared.physics.vectors import Index, Mask, Real, lengths, unit
 
 LEAST_REACH_M = 0.005
 """Faces that reach less far from the edge, over all of a corner, or from a point, make none: they are narrower than a
@@ -59,10 +59,37 @@ class CornerEdges(Placed):
     corner_of_strip: Index = field(metadata=WHOLE)
     face_of_triangle: Index = field(metadata=WHOLE)
 
-    @property
+    @cached_property
     def opening(self) -> Real:
-        """[C] angle between the faces [rad]."""
+        """[C] psi, the angle between the faces [rad]."""
         return np.arccos(np.clip(np.einsum("ci,ci->c", self.into[:, 0], self.into[:, 1]), -1.0, 1.0))
+
+    @cached_property
+    def foot_z(self) -> Real:
+        """[C] place along the edge of the foot of the perpendicular from the origin [m]."""
+        return -np.einsum("ci,ci->c", self.origin, self.direction)
+
+    @cached_property
+    def foot(self) -> Real:
+        """[C, 3] that foot on the edge's line [m]."""
+        return self.origin + self.foot_z[:, None] * self.direction
+
+    @cached_property
+    def height(self) -> Real:
+        """[C] h, its distance from the origin [m]."""
+        return lengths(self.foot)
+
+    @cached_property
+    def angle(self) -> Real:
+        """[C] phi of the origin from the first face [rad]."""
+        towards = -unit(self.foot)
+        normal, into = (np.einsum("ci,ci->c", towards, axes[:, 0]) for axes in (self.normal, self.into))
+        return np.arctan2(normal, into)
+
+    @cached_property
+    def beside(self) -> Real:
+        """[C] how far along the edge the corner begins from the foot [m]; 0 where the foot lies on it."""
+        return np.clip(self.foot_z, *self.extent()) - self.foot_z
 
     def take(self, index: NDArray) -> CornerEdges:
         """The corners at these rising indices, or where a mask is true, with their strips."""
@@ -82,8 +109,7 @@ class CornerEdges(Placed):
 
     def nearest(self) -> Real:
         """[C, 3] the point of each edge that lies nearest to the origin [m]."""
-        along = np.clip(-np.einsum("ci,ci->c", self.origin, self.direction), *self.extent())
-        return self.origin + along[:, None] * self.direction
+        return self.foot + self.beside[:, None] * self.direction
 
     @cached_property
     def _joined_faces(self) -> tuple[Index, int]:
