@@ -1,16 +1,14 @@
 """Waves of a frame where they meet surfaces, and what the RX hears of their scattering there.
 
-A ray of N stands for the solid angle Omega = 4 pi / N of its tube, which plane mirrors keep. Of unit power on isotropic
-antennas the tube holds Omega / (4 pi). The surface takes S^2 |Gamma|^2 of it, spreads it with the pattern f
-(:mod:`datafactory.paths.scattering`), and the RX, r away, has the aperture lambda^2 / (4 pi):
+A ray of N stands for the solid angle Omega = 4 pi / N of its tube, which plane mirrors keep, and so for Omega / (4 pi)
+of unit power. The surface takes S^2 |Gamma|^2 of it, spreads it with the pattern f (:mod:`.scattering`), and the RX, r
+away, has the aperture lambda^2 / (4 pi):
 
     A = lambda / (4 pi r) S |Gamma| sqrt(f Omega) e,    |Gamma| = |R e_i| / |e_i|,
 
-with R the slab's reflection of the arriving field e_i (:mod:`datafactory.paths.view`), which has the factors of all
-that happened to it before, and e its part along the RX's polarisation. The scattered field keeps its components along
-theta^ and phi^: Sionna's model with K_x = 0.
-
-The surface's phase is applied afterwards (:mod:`datafactory.paths.trace`), and so is the fan's solid angle.
+with R the slab's reflection of the arriving field e_i, which has the factors of all that happened to it before, and e
+its part along the RX's polarisation. The scattered field keeps its components along theta^ and phi^: Sionna's model
+with K_x = 0. The surface's phase and the fan's solid angle are applied afterwards (:mod:`datafactory.paths.rows`).
 
 Echoes are gathered by what happened on their way. Each such group is thinned by itself, with random numbers of its own:
 what else is simulated changes none of its paths.

@@ -1,9 +1,8 @@
 """The bodies of a scene: triangles of one motion on common vertices, and the edges at which they meet.
 
 Meshes of one motion form one body, because a roof and its walls, or the panels of a car, are often meshes of
-different materials. Their vertices are welded within ``WELD_M``. A body that does not turn is the same at all times,
-but for its shift, so that what is found of its shape stays: edges, curved surfaces, planes and their boundaries, faces
-and corners are all found body by body.
+different materials. Their vertices are welded within ``WELD_M``. All that is found of a scene's shape is found body by
+body: of a body that does not turn it stays the same, but for its shift.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ serves many radars stores them, and each then decides what it would not notice (
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,9 +66,3 @@ class Candidates(Columns):
     def none() -> Candidates:
         """None at all."""
         return Candidates.of(EDGE, np.zeros((0, 3)), np.zeros(0))
-
-    def at_wavelength(self, traced_m: float, wanted_m: float) -> Candidates:
-        """For another wavelength [m] than they were traced at: amplitudes are proportional to it."""
-        if traced_m == wanted_m:
-            return self
-        return replace(self, power=self.power * np.float32((wanted_m / traced_m) ** 2))

@@ -29,6 +29,18 @@ from shared.signal.windows import angle_window, point_spread
 
 FEW_PATHS = 5
 """Below five the amplitude of the sum is visibly not Rayleigh distributed."""
+BITS = 13
+"""Of a digit: the counts of its values, 4 bytes each, fill a first-level cache of 32 KiB."""
+RANGE_CELL_M = 0.15
+U_CELL = 1.0 / 128.0
+RATE_CELL_MPS = 0.19
+"""Resolution of the default radar's truth in range, u and range rate. A trace serves every radar, and a finer one finds
+fewer paths in its cells: their power is right, their speckle coarser.
+"""
+DEFAULT_LEVEL_DB = -40.0
+"""Ten dB below the default error budget of -30 dB."""
+UNPRUNED_DB = -200.0
+"""Keeps every path that float64 can tell from zero."""
 
 
 def lit_cells(paths: PathTable, radar: Radar) -> dict[str, int]:
@@ -75,7 +87,6 @@ class CellMap:
         :param index: of the paths that are summed; the weights are theirs
         """
         power = self.power[index] * weight
-
         sums = np.bincount(self.cell[index], power, self.shape[0] * self.shape[1])
         return sums.astype(np.float64, copy=False).reshape(self.shape)
 
@@ -113,20 +124,6 @@ def cell_numbers(range_m: Real, arrival: Real, radar: Radar, truth_window: str) 
 def cell_power(paths: PathTable, radar: Radar, truth_window: str, weight: Real | float = 1.0) -> Real:
     """[R, U'] power [W] of the paths in every resolution cell of the truth, see :meth:`CellMap.sums`."""
     return cell_map(paths, radar, truth_window).sums(weight)
-
-
-BITS = 13
-"""Of a digit: the counts of its values, 4 bytes each, fill a first-level cache of 32 KiB."""
-RANGE_CELL_M = 0.15
-U_CELL = 1.0 / 128.0
-RATE_CELL_MPS = 0.19
-"""Resolution of the default radar's truth in range, u and range rate. A trace serves every radar, and a finer one finds
-fewer paths in its cells: their power is right, their speckle coarser.
-"""
-DEFAULT_LEVEL_DB = -40.0
-"""Ten dB below the default error budget of -30 dB."""
-UNPRUNED_DB = -200.0
-"""Keeps every path that float64 can tell from zero."""
 
 
 @compiled()
@@ -261,7 +258,8 @@ def _negligible(power: Real, group: Index, share: float) -> Mask:
     if not len(group):
         return np.zeros(0, dtype=bool)
     group = group - group.min()
-    return _weakest(_by_group_and_power(group, power), group, power, np.bincount(group, power), share)
+    order = rising(power.view(np.int64))  # floats from 0 on rise with their bits
+    return _weakest(order[rising(group[order])], group, power, np.bincount(group, power), share)
 
 
 @compiled()
@@ -277,9 +275,3 @@ def _weakest(order, group, power, total, share):
         before = group[k]
         result[k] = held <= share * total[before]
     return result
-
-
-def _by_group_and_power(group: Index, power: Real) -> Index:
-    """``np.lexsort((power, group))``: floats from 0 on rise with their bits."""
-    order = rising(power.view(np.int64))
-    return order[rising(group[order])]

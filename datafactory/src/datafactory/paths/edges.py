@@ -1,14 +1,11 @@
 """The wedges of a scene: straight edges where a wave is diffracted, found once from the merged meshes.
 
-An edge is a fold between two triangles, or the rim of a sheet (a half plane, n = 2). The wedge's exterior is the side
-on which the faces make more than 180 deg. The winding of the triangles is not used, because files often have it wrong.
-An observer on the other side sees an inner corner, which does not diffract; the angles of
+An edge is a fold between two triangles of a body, or the rim of a sheet (a half plane, n = 2). The wedge's exterior is
+the side on which the faces make more than 180 deg; the winding of the triangles, which files often have wrong, is not
+used. An observer on the other side sees an inner corner, which does not diffract: the angles of
 :mod:`datafactory.paths.diffraction` leave it out. Flat folds, as of terrain, are counted and left out, and so are folds
-between facets of a curved surface, which has no edge there (:mod:`datafactory.paths.smooth`).
-
-Triangles meet within one body (:mod:`datafactory.paths.bodies`). Collinear pieces that share a vertex, the faces'
-planes and the materials are one edge. Of bodies that do not turn, the edges are found once and shifted; of the others,
-for each time.
+between facets of a curved surface, which has no edge there (:mod:`datafactory.paths.smooth`). Collinear pieces that
+share a vertex, the faces' planes and the materials are one edge.
 """
 
 from __future__ import annotations

@@ -1,12 +1,11 @@
 """A scene as the ray tracer sees it from one pose: meshes merged by material and motion, in the radar frame.
 
 The tracer works in float32. Vertices are brought to the radar's own origin and axes in float64 first, so that a scene
-far from its origin loses nothing, and merged: identity of the objects is kept by the first triangle of each in its
-mesh.
+far from its origin loses nothing. Which object a triangle is of is kept.
 
 A merged scene is that of one time: ``at`` gives another time's. Meshes that do not turn keep their vertices and are
 shifted, so that whatever was found of their shape stays valid; of the others, vertices are computed anew, each with its
-own velocity. A scene in which nothing moves is the same at all times, and nothing is computed.
+own velocity. A scene in which nothing moves is the same at all times.
 """
 
 from __future__ import annotations

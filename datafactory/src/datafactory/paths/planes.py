@@ -29,6 +29,16 @@ modelling tools round, chosen and not measured."""
 STRETCH = 16
 """Edges of a stretch, at most; a rim of no more is one. On munich's ground of 644 edges 8 to 64 are alike, and 4 take
 twice as long (a trial script, four frames)."""
+TOUCH_M = 0.01
+"""Faces that end nearer than this to the line in which their planes meet reach it [m]: a wall that hovers 1 cm over the
+road loses no more than the strip of 1 cm at its foot.
+"""
+OFF_SQUARE_DEG = 3.0
+"""Largest difference from a right angle of two faces that make a corner [deg]. See :mod:`.corner_echoes`."""
+LEAST_CONTACT_M = 1e-4
+"""Triangles that share a shorter piece of the line have a point in common, at most [m]."""
+SAME_FACE_COSINE = np.cos(np.radians(1.0))
+"""Triangles whose normal is farther off that of their face are left out of it: the face is a chain that bends."""
 
 
 class Rim(NamedTuple):
@@ -154,18 +164,6 @@ def _one_after_another(ends: Index) -> Index:
             if not waiting.get(point):
                 break
     return np.array(order)
-
-
-TOUCH_M = 0.01
-"""Faces that end nearer than this to the line in which their planes meet reach it [m]: a wall that hovers 1 cm over the
-road loses no more than the strip of 1 cm at its foot.
-"""
-OFF_SQUARE_DEG = 3.0
-"""Largest difference from a right angle of two faces that make a corner [deg]. See :mod:`.corner_echoes`."""
-LEAST_CONTACT_M = 1e-4
-"""Triangles that share a shorter piece of the line have a point in common, at most [m]."""
-SAME_FACE_COSINE = np.cos(np.radians(1.0))
-"""Triangles whose normal is farther off that of their face are left out of it: the face is a chain that bends."""
 
 
 @dataclass(frozen=True)

@@ -1,24 +1,21 @@
-"""Targets round a corner: echoes of hidden point targets by diffraction at edges, on the way out and on the way back.
+"""Echoes of targets with a radar cross section: in sight, behind panes, over mirrors, round corners.
 
-Out over edge i and back over edge j, with G the one-way field of :mod:`datafactory.paths.diffraction`, the radar
-equation (direct: G = 1 / R) becomes
+**Round a corner** a hidden target is reached by diffraction at edges. Out over edge i and back over edge j, with G the
+one-way field of :mod:`datafactory.paths.diffraction` (direct: G = 1 / R), the radar equation becomes
 
     A = lambda sqrt(sigma) / (4 pi)^(3/2) G_i G_j,
 
 and the path's length is the sum of both ways. For an edge across the array the wavefront's centre is the point on the
 edge: the table holds that point, and the rest of the way as length between. For an edge along the array the centre is
-the target, rotated about the edge into the line of sight: the table holds that point. For an array along y the latter
-is exact. The former is exact where the ray meets the edge at a right angle; else the wavefront's error is up to
+the target, rotated about the edge into the line of sight: the table holds that point, which is exact for an array along
+y. The former is exact where the ray meets the edge at a right angle; else the wavefront's error is up to
 
     y^2 cos^2(beta) / 2 (1/s' - 1/(s' + s)),
 
-and an edge between the two cases by the same with the share of y^2 that belongs to the other case instead of
-cos^2(beta); s' is the length to the edge and s the length beyond.
-
-The point on the edge is that of the origin at t = 0. It slides as the target moves. That changes lengths in second
-order only, because the path is the shortest one. Left out are a wave over two edges in succession, as around a thick
-pillar; the field that edges add at a target in sight, up to 6 dB one way at the shadow boundary; a target's
-depolarisation.
+s' the length to the edge and s the length beyond, and for an edge between the two cases the same with the share of y^2
+that belongs to the other case instead of cos^2(beta). The point on the edge is that of the origin at t = 0; that it
+slides as the target moves changes lengths in second order only. Left out are a wave over two edges in succession; the
+field that edges add at a target in sight, up to 6 dB one way at the shadow boundary; a target's depolarisation.
 """
 
 from __future__ import annotations
@@ -42,6 +39,15 @@ EDGES_PER_TARGET = 4
 TARGETS_AT_ONCE = 64
 """Targets whose edges are looked at together: two thousand edges each in a city, some ten megabytes."""
 ORIGIN = np.zeros(3)
+FAINTEST_ECHO = 1e-2 / EDGES_WITHIN_M**4
+"""Cross section over the fourth power of the distance [1/m^2] below which a target in plain sight is left out: as faint
+as such an edge. A pedestrian is so faint from 585 m on."""
+ROUND_CORNERS_DB = 12.0
+"""What a way round an edge loses at least, out and back: half of the field is there at the shadow's boundary."""
+MIRRORED_MORE = 24.0 * 4.0
+"""What all echoes of a target over mirrors have at most, over its own in plain sight: 24 paths
+(:data:`.mirrored_targets.MIRRORS_PER_POINT`), none nearer and no mirror amplifying, of a cross section that is at most
+four times as large from where the mirrors stand."""
 
 
 @dataclass(frozen=True)
@@ -160,19 +166,6 @@ def _round_trips(legs: _Legs, scale: Real, owner: NDArray[np.int32]) -> Scattere
         kinds=np.full(count, DIFFRACTED | TARGET, dtype=np.uint8),
         candidate=target.astype(np.int32),
     )
-
-
-FAINTEST_ECHO = 1e-2 / EDGES_WITHIN_M**4
-"""Cross section over the fourth power of the distance [1/m^2] below which a target in plain sight is left out: as faint
-as such an edge. A pedestrian is so faint from 585 m on."""
-ROUND_CORNERS_DB = 12.0
-"""What a way round an edge loses at least, out and back: half of the field is there at the shadow's boundary."""
-
-
-MIRRORED_MORE = 24.0 * 4.0
-"""What all echoes of a target over mirrors have at most, over its own in plain sight: 24 paths
-(:data:`.mirrored_targets.MIRRORS_PER_POINT`), none nearer and no mirror amplifying, of a cross section that is at most
-four times as large from where the mirrors stand."""
 
 
 class TargetEchoes:

@@ -4,15 +4,14 @@ First hits and single mirrors are in every frame. All else has candidates first 
 what the frame's radar would not notice is not looked for (:mod:`datafactory.paths.notice`). Where every radar is to be
 served, or every effect is asked for, all candidates are followed.
 
-* What rough surfaces scatter is found by the frame's own rays, at their first surface and beyond it
-  (:mod:`datafactory.paths.scattered`). No ray ends with a mirror after a diffuse bounce. The reverses of such
-  paths, mirror first, are found, and by reciprocity each of them stands for both: it enters the table twice, with the
-  TX's and the RX's side exchanged. A diffuse bounce takes on the phase of its surface cell (:mod:`.scattering`).
+* What rough surfaces scatter is found by the frame's own rays (:mod:`datafactory.paths.scattered`). None ends with a
+  mirror after a diffuse bounce. The reverses of such paths, mirror first, enter the table twice, with the TX's and the
+  RX's side exchanged. A diffuse bounce takes on the phase of its surface cell (:mod:`.scattering`).
 * Single mirrors are found without rays (:mod:`.mirrors`, :mod:`.curved_echoes`), chains of them by the solver
   (:mod:`.solver`), and where panes let waves through, those beyond them. A mirror reflects with the share of its
   facet's size (:mod:`.facets`).
 * Targets given by a radar cross section (:mod:`.targets`), edges (:mod:`.diffraction`) and right-angled corners
-  (:mod:`.corner_echoes`, :mod:`.corner_echoes`) are listed. Corners take the place of the solver's mirrors there.
+  (:mod:`.corner_echoes`) are listed. Corners take the place of the solver's mirrors there.
 """
 
 from __future__ import annotations

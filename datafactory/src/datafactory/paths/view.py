@@ -1,13 +1,16 @@
-"""A scene from one pose, which every source of echoes is given, and the waves that meet its surfaces.
+"""A scene from one pose, which every source of echoes is given: the waves that meet its surfaces, and its panes.
 
 Rays meet triangles in float32. Each point is then moved along its ray, in float64, onto the plane of its triangle.
+
+Panes are the slabs on the straight line between radar and point. Every mesh surface is one slab, as in Sionna's own
+model: a pane modelled as a box is two panes.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -26,9 +29,23 @@ from datafactory.paths.solver import TraceSettings
 from datafactory.scenes.poses import Pose
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Complex, Index, Mask, Real, dots, lengths, taken, unit
+from shared.radar.front_end import Polarization
 
 EDGES_WITHIN_M = 200.0
 """Farther edges and corners are left out [m]: at -20 dBsm they are 25 dB below a car radar's noise."""
+AXES: tuple[Polarization, Polarization] = ("V", "H")
+"""Components of a field across a direction: along theta^ and phi^."""
+
+MAXIMUM_CROSSINGS = 8
+FADED = 1e-6
+"""One-way field behind surfaces that is not followed any further: a hundredth of what counts anywhere."""
+
+FAINTEST = 1e-4
+"""One-way amplitude behind surfaces below which a target or a mirror counts as hidden: -160 dB both ways, as behind any
+wall."""
+NEAREST_M = 0.01
+"""Nearer surfaces do not scatter, nearer mirrors are left out, as the solver does, and no pane counts as nearer: the
+antennas' own size matters there."""
 
 
 @dataclass(frozen=True)
@@ -199,22 +216,6 @@ class View:
         )
         good = np.flatnonzero(cosine > 0.0)
         return valid[good], Hits(point, normal, triangle, mesh, cosine, distance).take(good)
-
-
-Polarization = Literal["V", "H"]
-AXES: tuple[Polarization, Polarization] = ("V", "H")
-"""Components of a field across a direction: along theta^ and phi^."""
-
-MAXIMUM_CROSSINGS = 8
-FADED = 1e-6
-"""One-way field behind surfaces that is not followed any further: a hundredth of what counts anywhere."""
-
-FAINTEST = 1e-4
-"""One-way amplitude behind surfaces below which a target or a mirror counts as hidden: -160 dB both ways, as behind any
-wall."""
-NEAREST_M = 0.01
-"""Nearer surfaces do not scatter, nearer mirrors are left out, as the solver does, and no pane counts as nearer: the
-antennas' own size matters there."""
 
 
 def panes_between(
