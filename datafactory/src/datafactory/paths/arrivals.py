@@ -154,11 +154,6 @@ class Echoes(Columns):
     kinds: tuple[int, ...] = field(metadata=WHOLE)
     crossings: int = field(metadata=WHOLE)
 
-    @property
-    def twice(self) -> bool:
-        """Whether they are scattered more than once."""
-        return self.kinds.count(DIFFUSE) > 1
-
     def by_ray(self) -> Echoes:
         """The echoes of one group that were found from shares of a frame's rays, in the order of all rays."""
         return self.take(np.argsort(self.arrivals.ray, kind="stable"))

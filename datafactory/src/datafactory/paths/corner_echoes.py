@@ -189,7 +189,7 @@ def over_faces(view: View, order: Sequence[int], mesh: Index, normal: Real, dire
     sent, received = (polarization_axis(direction, which) for which in view.settings.polarization)
     onward, field = direction, sent.astype(np.complex128)
     for face in order:
-        onward, field = view.slabs.reflected(mesh[:, face], onward, normal[:, face], field)
+        onward, field = view.slabs.reflected(mesh[:, face], onward, np.ascontiguousarray(normal[:, face]), field)
         field = view.slabs.unscattered(mesh[:, face])[:, None] * field
     return np.einsum("ci,ci->c", field, received)
 

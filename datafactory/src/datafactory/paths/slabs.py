@@ -14,7 +14,7 @@ walls absorb them).
 Time convention exp(+j omega t); amplitudes for the path table are the conjugates.
 
 The kernels write root, exponential and quotient out in real numbers: the compiler vectorises these, and calls a library
-for the complex ones, at six times the price.
+for the complex ones, at six times the price. Each is given arrays of one layout, so that it is compiled once.
 """
 
 from __future__ import annotations
@@ -68,11 +68,11 @@ class Slabs:
 
         :param cosine: [n] of the angle of incidence, above 0
         """
-        return _reflection(self._eta, self._wavelengths, mesh, np.ascontiguousarray(cosine))
+        return _reflection(self._eta, self._wavelengths, np.ascontiguousarray(mesh), np.ascontiguousarray(cosine))
 
     def transmission(self, mesh: Index, cosine: Real) -> tuple[Complex, Complex]:
         """T [n], TE and TM, over that of the air in the slabs' place: times exp(+j k d cos theta)."""
-        te, tm = _transmission(self._eta, self._wavelengths, mesh, np.ascontiguousarray(cosine))
+        te, tm = _transmission(self._eta, self._wavelengths, np.ascontiguousarray(mesh), np.ascontiguousarray(cosine))
         air = np.exp((2j * np.pi * self.frequency_hz / SPEED_OF_LIGHT * self._thickness_m)[mesh] * cosine)
         return te * air, tm * air
 

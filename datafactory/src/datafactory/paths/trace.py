@@ -73,7 +73,8 @@ class _Frame:
 
     def add_scattered(self, echoes: Echoes, group: int | None = None) -> None:
         """Paths that end with a diffuse bounce."""
-        part, name = echoes.thinned(self.seed), "scattered_twice" if echoes.twice else "scattered_once"
+        name = "scattered_twice" if echoes.kinds.count(DIFFUSE) > 1 else "scattered_once"
+        part = echoes.thinned(self.seed)
         self.counts[name] += len(part)
         for rows in scattered_rows(part, self.view, self.fan):
             self.add(rows, group)
