@@ -11,7 +11,7 @@ from oracles import scattered_delays, specular_delays
 from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, every_one, mesh, scene_of, slabs, view_with
 
 from datafactory.paths.corner_echoes import CornerEchoes
-from datafactory.paths.corner_edges import CornerEdges, corners_of
+from datafactory.paths.corners import CornerEdges, corners_of
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import ScatteredPaths, SpecularPaths

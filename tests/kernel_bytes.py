@@ -15,8 +15,8 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from datafactory.paths import corner_aperture, facets, geometry, thinning
-from datafactory.paths.rims import Rim
+from datafactory.paths import cells, corner_aperture, facets, geometry
+from datafactory.paths.planes import Rim
 from datafactory.synthesis import doppler_moments, frame_lines, lines, lines_at_centres, mid_frame, spread
 from shared.signal import near_field_kernels
 from trainer.estimators.array import LineArray
@@ -141,11 +141,11 @@ def plates() -> Arrays:
     )
     yield from geometry._lines(points, 20.0 * across)
     corner, away = np.arange(1000) % 50, np.ascontiguousarray(along[:, 0])
-    cells, bend = (corner, away, np.abs(across)), tuple(draw.uniform(0.1, 1.0, (3, 50)))
+    place, bend = (corner, away, np.abs(across)), tuple(draw.uniform(0.1, 1.0, (3, 1000)))
     edge, face = (points[:50], along[:50]), (across[:50], points[50:100])
     for first in (True, False):
-        yield corner_aperture._points_before_faces(np.arange(3000), first, cells, bend, edge, face)
-    yield thinning._factors(np.arange(1000), np.arange(0, 1001, 50), np.abs(away), 20, draw.random(20))
+        yield corner_aperture._points_before_faces(np.arange(3000), first, place, bend, edge, face)
+    yield cells._factors(np.arange(1000), np.arange(0, 1001, 50), np.abs(away), 20, draw.random(20))
 
 
 def line_fit() -> Arrays:

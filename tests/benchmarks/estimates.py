@@ -18,7 +18,7 @@ from datafactory.api.options import OrderOptions
 from datafactory.frame.chain import SceneSource
 from datafactory.paths import scattered, trace
 from datafactory.paths.candidates import MIRRORED, Candidates
-from datafactory.paths.density import cell_numbers
+from datafactory.paths.cells import cell_numbers
 from datafactory.paths.notice import Notice
 from datafactory.run.preparation import prepare
 from shared.physics.vectors import Real

@@ -29,7 +29,7 @@ from datafactory.effects.plan import plan_of_frame
 from datafactory.frame.chain import ChainSettings, SceneSource, illuminated
 from datafactory.frame.deal import Deal, DealtFrame, PreparedScene
 from datafactory.frame.measurement import Processing, measure
-from datafactory.paths.density import cell_power
+from datafactory.paths.cells import cell_power
 from datafactory.paths.notice import Notice
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import DIFFUSE, SPECULAR, PathTable

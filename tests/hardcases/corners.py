@@ -15,8 +15,8 @@ from hardcases.case import HardCase
 from hardcases.tools import UTM, stage
 from sionna_scenes import mesh, plate, scene_of
 
-from datafactory.paths.corner_edges import corners_of
-from datafactory.paths.planar_faces import OFF_SQUARE_DEG
+from datafactory.paths.corners import corners_of
+from datafactory.paths.planes import OFF_SQUARE_DEG
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import SceneObject

@@ -34,7 +34,7 @@ from datafactory.accuracy.power import (
 from datafactory.effects.catalogue import ALL, NAMES, EffectSet
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.measurement import Processing
-from datafactory.paths.density import cell_power
+from datafactory.paths.cells import cell_power
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.pipeline import Execution, render
 from datafactory.run.preparation import Order

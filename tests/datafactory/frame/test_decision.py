@@ -16,7 +16,7 @@ from datafactory.frame.decision import Decided, doppler_called_for, path_effects
 from datafactory.frame.measurement import boxes_of
 from datafactory.frame.points import target_list
 from datafactory.paths.candidates import EDGE, PANE, TWICE, Candidates
-from datafactory.paths.density import cell_power
+from datafactory.paths.cells import cell_power
 from datafactory.paths.table import DIFFRACTED, DIFFUSE, REFRACTED, PathTable, ScatteredPaths, SpecularPaths
 from datafactory.scenes.boxes import SeenThing
 from shared.radar import FrontEnd, Radar

@@ -24,8 +24,7 @@ from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, scene_of
 from slab_coefficients import slab_reflection
 
 from datafactory.paths import corner_echoes
-from datafactory.paths.corner_aperture import Cells, Views, cells_along, pieces_in_sight
-from datafactory.paths.corner_edges import CornerEdges
+from datafactory.paths.corner_aperture import Apertures
 from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import CORNER, SPECULAR, PathTable
@@ -173,18 +172,17 @@ CORNERS = [
 
 
 @pytest.fixture
-def seen_corners() -> tuple[CornerEdges, Views, Cells]:
+def apertures() -> Apertures:
     """Corners whose edges have the foot of the perpendicular and others, small, wide, unequal and off square."""
     faces = [item for n, faces in enumerate(CORNERS) for item in meshes_of(faces, cuts=2 + n)]
-    facing, views, _, _ = corner_echoes._facing(corners_seen(scene_of(*faces)), WAVELENGTH_M)
+    facing, _ = corner_echoes._facing(corners_seen(scene_of(*faces)), WAVELENGTH_M)
     corners = corners_seen(scene_of(*faces)).take(facing)
     assert len(corners) >= len(CORNERS)
-    return corners, views, cells_along(corners, views, WAVELENGTH_M)
+    return Apertures.of(np.arange(len(corners), dtype=np.int32), corners, WAVELENGTH_M)
 
 
-def test_a_leg_behind_a_hidden_one_is_not_looked_at_and_nothing_else_changes(seen_corners) -> None:
+def test_a_leg_behind_a_hidden_one_is_not_looked_at_and_nothing_else_changes(apertures) -> None:
     """Against both legs of every piece of both orders."""
-    corners, views, cells = seen_corners
     looked: list[NDArray[np.float64]] = []
 
     def recorded(sight: Sight) -> Sight:
@@ -200,10 +198,10 @@ def test_a_leg_behind_a_hidden_one_is_not_looked_at_and_nothing_else_changes(see
     def open_sky(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
         return np.ones(len(end), dtype=bool)
 
-    everything = pieces_in_sight(corners, cells, views, WAVELENGTH_M, recorded(open_sky))
+    everything = apertures.in_sight(recorded(open_sky)).pieces
     assert everything.all()
     legs, looked = looked, []
-    fast = pieces_in_sight(corners, cells, views, WAVELENGTH_M, recorded(blinds))
+    fast = apertures.in_sight(recorded(blinds)).pieces
     slow = [blinds(one, one) & blinds(other, other) for one, other in (legs[:2], legs[2:])]
     np.testing.assert_array_equal(fast, np.reshape(slow, fast.shape))
     assert 0.1 < fast.mean() < 0.6

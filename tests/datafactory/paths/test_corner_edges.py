@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from sionna_scenes import box, mesh, plate, scene_of
 from turning_scenes import merged_of, turning
 
-from datafactory.paths import corner_edges, corner_points
+from datafactory.paths import corners
 from datafactory.paths.bodies import Body
-from datafactory.paths.corner_edges import CornerEdges, corners_of
-from datafactory.paths.corner_points import points_of
-from datafactory.paths.merged_scene import MergedScene, motions_of
-from datafactory.paths.planar_faces import TOUCH_M, PlanarFaces, planar_faces_of
+from datafactory.paths.corners import CornerEdges, corners_of, points_of
+from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.planes import TOUCH_M, PlanarFaces, planar_faces_of
 from datafactory.scenes.poses import Pose
 
 GROUND = plate("ground", (0.0, 0.0, 0.0), (20.0, 0.0, 0.0), (0.0, 20.0, 0.0), "metal")
@@ -133,9 +132,8 @@ def sorted_rows(*columns: NDArray) -> NDArray[np.float64]:
 
 
 def edges_anew(scene: MergedScene) -> CornerEdges:
-    found = inspect.unwrap(corner_edges._found)(replace(scene, at_rest=None))
-    velocity, shift = motions_of(scene, found.face_mesh[:, 0])
-    return replace(found, velocity=velocity, shift=shift)
+    found = inspect.unwrap(corners._found_edges)(replace(scene, at_rest=None))
+    return found.moving_with(scene, found.face_mesh[:, 0])
 
 
 @pytest.mark.parametrize("time_s", [0.0, 0.7])
@@ -162,11 +160,10 @@ def test_edges_of_kept_bodies_are_those_found_anew(of: str, time_s: float) -> No
 @pytest.mark.parametrize("of", SCENES)
 def test_points_of_kept_bodies_are_those_found_anew(of: str) -> None:
     scene = merged_of(*SCENES[of]).at(0.7)
-    found, whole = points_of(scene), inspect.unwrap(corner_points._found)(replace(scene, at_rest=None))
-    velocity, shift = motions_of(scene, whole.face_mesh[:, 0])
+    found, whole = points_of(scene), inspect.unwrap(corners._found_points)(replace(scene, at_rest=None))
     assert len(found) > 0
     assert found.counts == whole.counts
-    whole = replace(whole, velocity=velocity, shift=shift)
+    whole = whole.moving_with(scene, whole.face_mesh[:, 0])
     names = ("object_index", "face_mesh", "apex", "axes", "reach", "velocity", "shift")
     ours, theirs = (sorted_rows(*(getattr(table, name) for name in names)) for table in (found, whole))
     np.testing.assert_allclose(ours, theirs, atol=1e-9)
@@ -180,7 +177,7 @@ def test_what_does_not_turn_is_searched_once(monkeypatch: pytest.MonkeyPatch) ->
         searched.append(body)
         return planar_faces_of(body)
 
-    monkeypatch.setattr(corner_edges, "planar_faces_of", counted)
+    monkeypatch.setattr(corners, "planar_faces_of", counted)
     scene = merged_of(*SCENES["some of it turns"])
     corners_of(scene.at(0.3))
     corners_of(scene.at(0.9))

@@ -8,8 +8,8 @@ from corner_scenes import HERE, always, cross_section_dbsm, level_db, received
 from oracles import corner_area
 from sionna_scenes import WAVELENGTH_M, box, every_one, mesh, plate, scene_of, slabs, view_with
 
-from datafactory.paths.corner_point_echoes import CornerPointEchoes
-from datafactory.paths.corner_points import points_of
+from datafactory.paths.corner_echoes import CornerPointEchoes
+from datafactory.paths.corners import points_of
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import CORNER

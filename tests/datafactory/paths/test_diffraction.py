@@ -28,10 +28,10 @@ from datafactory.paths.edges import edges_of
 from datafactory.paths.facets import TAPER, reflected_share
 from datafactory.paths.geometry import clear_between
 from datafactory.paths.merged_scene import MergedScene
-from datafactory.paths.panes import polarization_axis
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import DIFFRACTED, ScatteredPaths, SpecularPaths
+from datafactory.paths.view import polarization_axis
 from datafactory.scenes.poses import Pose
 
 

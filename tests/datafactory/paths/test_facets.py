@@ -10,10 +10,10 @@ from scipy.integrate import quad
 from scipy.special import fresnel
 from sionna_scenes import MATERIALS
 
-from datafactory.paths import facets, rims
+from datafactory.paths import facets, planes
 from datafactory.paths.facets import reflected_share
 from datafactory.paths.merged_scene import MergedMesh, MergedScene
-from datafactory.paths.rims import Rim
+from datafactory.paths.planes import Rim
 from datafactory.paths.scattering import SURFACE_CELL_M, surface_phase
 
 WAVELENGTH_M = 299_792_458.0 / 77.5e9
@@ -98,8 +98,8 @@ def boundary_of(scene: MergedScene, triangle: int) -> np.ndarray:
     body = [scene.meshes[mesh].rigid_body for mesh in scene.mesh_of_triangle]
     edges = []
     for corners, other, own in zip(scene.corners, scene.normals, body, strict=True):
-        flat = np.abs((corners - origin) @ normal).max() < rims.COPLANAR_M
-        if own == body[triangle] and flat and abs(other @ normal) > rims.COPLANAR_COSINE:
+        flat = np.abs((corners - origin) @ normal).max() < planes.COPLANAR_M
+        if own == body[triangle] and flat and abs(other @ normal) > planes.COPLANAR_COSINE:
             turned = corners[::-1] if other @ normal < 0.0 else corners
             edges += [np.stack([turned[k], turned[(k + 1) % 3]]) for k in range(3)]
     grid = [tuple(map(tuple, np.rint(edge / 1e-4).astype(int))) for edge in edges]
@@ -124,13 +124,13 @@ def test_the_boundary_of_a_plane_is_found_once_and_is_that_of_each_of_its_triang
     moving = mesh([(2, 2, 0), (3, 2, 0), (3, 3, 0), (2, 3, 0)], [[0, 1, 2], [0, 2, 3]], velocity=(1.0, 0.0, 0.0))
     scene = MergedScene((*floor, wall, moving), ())
     found: list[int] = []
-    slow = rims.free_edges
+    slow = planes.free_edges
 
     def counted(triangles: np.ndarray) -> np.ndarray:
         found.append(len(triangles))
         return slow(triangles)
 
-    monkeypatch.setattr(rims, "free_edges", counted)
+    monkeypatch.setattr(planes, "free_edges", counted)
     for triangle in range(len(scene.normals)):
         rim, _, normals, _ = facets._rims_of_each(scene, np.array([triangle]))
         away = normals[0] @ scene.normals[triangle] < 0.0

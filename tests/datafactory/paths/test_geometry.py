@@ -14,8 +14,7 @@ from turning_scenes import turning
 
 from datafactory.paths import geometry as geometry_module
 from datafactory.paths import trace as trace_module
-from datafactory.paths.corner_edges import corners_of
-from datafactory.paths.corner_points import points_of
+from datafactory.paths.corners import corners_of, points_of
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.edges import edges_of
 from datafactory.paths.geometry import Geometry, mesh_of_shape

@@ -24,11 +24,11 @@ from datafactory.paths.candidates import (
     TWICE,
     Candidates,
 )
-from datafactory.paths.chains import chain_candidates
-from datafactory.paths.corner_edges import corners_of
+from datafactory.paths.corners import corners_of
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.notice import Notice, first_echoes
 from datafactory.paths.rays import RayFan
+from datafactory.paths.scattered import chain_candidates
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import DIFFRACTED, DIFFUSE, REFRACTED, SPECULAR, PathTable, ScatteredPaths, SpecularPaths

@@ -11,12 +11,12 @@ from sionna_scenes import FREQUENCY_HZ, mapping, material, plate, scene_of, sion
 
 from datafactory.paths.aim import STRIPS, UNAIMED, aimed
 from datafactory.paths.arrivals import Arrivals
+from datafactory.paths.cells import RANGE_CELL_M, U_CELL
 from datafactory.paths.geometry import Geometry, first_hits, mesh_of_shape
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.rays import UNIFORM_IN_U, RayFan, _azimuth_at
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import Bundle, TraceSettings
-from datafactory.paths.thinning import RANGE_CELL_M, U_CELL
 from datafactory.paths.view import View, Waves
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene, SceneObject
@@ -193,7 +193,7 @@ def test_the_expected_power_of_ground_and_of_a_thin_pole_stays():
     for column, fan in enumerate(fans):
         for row, sent in enumerate((fan, aimed(fan, view))):
             bundle = echoes(view, sent)
-            pole = bundle.objects[:, 0] == 1
+            pole = view.merged.owner[bundle.triangles[:, 0]] == 1
             power = powers(bundle, sent)
             totals[row, column] = power[~pole].sum(), power[pole].sum()
     means, errors = totals.mean(axis=1), totals.std(axis=1) / np.sqrt(len(fans))

@@ -46,7 +46,7 @@ def solved(*objects: SceneObject, rays: int, pose: Pose = HERE, **settings) -> B
     chosen = TraceSettings(rays=rays, solver_share=1, **settings)
     geometry = placed(merged, pose)
     scene = solver_module.radio_scene(geometry, slabs(merged), chosen)
-    return solver_module.solve(scene, merged, pose, chosen, RayFan(rays), 1).bundle
+    return solver_module.solve(scene, merged, chosen, RayFan(rays), 1)[0]
 
 
 def chance_of(part: Bundle, merged: MergedScene) -> NDArray[np.float64]:
@@ -94,9 +94,7 @@ def test_every_path_of_the_solver_is_found_with_its_amplitude(polarization):
         error = np.abs(ours.amplitude[index] - expected) / np.abs(expected)
         assert np.percentile(error, 95) < bound
         assert np.sqrt(np.sum((error * np.abs(expected)) ** 2) / np.sum(np.abs(expected) ** 2)) < 10.0 * bound
-        np.testing.assert_array_equal(ours.objects[index], theirs.objects)
         np.testing.assert_array_equal(ours.triangles[index], theirs.triangles)
-        np.testing.assert_allclose(ours.velocities[index], theirs.velocities, atol=1e-12)
 
 
 def test_rings_on_a_plane_have_the_integrals_power():
@@ -203,7 +201,7 @@ def test_power_is_sionnas_own(objects, polarization):
         fan = RayFan(rays, (0.37 * seed, 0.11 * seed))
         (twice,) = scattered_twice(first_hits(objects, settings, fan), seed)
         ours += float(twice.power.sum())
-        solved = solver_module.solve(scene, merged, HERE, settings, fan, seed).bundle
+        solved = solver_module.solve(scene, merged, settings, fan, seed)[0]
         theirs += powers(of_kinds(solved, DIFFUSE, DIFFUSE), fan)
     assert decibels_of(ours / theirs) == pytest.approx(0.0, abs=0.2)
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datafactory.paths.density import lit_cells
+from datafactory.paths.cells import cell_of, lit_cells, pruned, rising, thinned
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import PathTable, ScatteredPaths
-from datafactory.paths.thinning import cell_of, pruned, rising, thinned
 from shared.radar import Radar
 
 

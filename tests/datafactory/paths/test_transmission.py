@@ -9,8 +9,8 @@ from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, box, channel, plate, scene
 from slab_coefficients import slab_reflection, slab_transmission
 
 from datafactory.paths.geometry import clear_between
-from datafactory.paths.panes import panes_between, polarization_axis
 from datafactory.paths.slabs import Slabs
+from datafactory.paths.view import panes_between, polarization_axis
 from datafactory.scenes.materials.table import load_materials
 
 VACUUM = 8.854_187_8128e-12

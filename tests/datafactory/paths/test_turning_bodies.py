@@ -10,8 +10,8 @@ from turning_scenes import TURN_DEG_PER_S, merged_of, turning
 from datafactory.paths.bodies import bodies_of
 from datafactory.paths.edges import edges_of
 from datafactory.paths.merged_scene import MergedScene, merge_scene
+from datafactory.paths.planes import Rim, planes_of
 from datafactory.paths.rays import RayFan
-from datafactory.paths.rims import Rim, planes_of
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import PathTable
 from datafactory.paths.trace import trace

@@ -25,14 +25,14 @@ from sionna_scenes import (
 from datafactory.paths import diffraction
 from datafactory.paths.backend import select_variant
 from datafactory.paths.diffraction import EdgeRays, rays_over_edges
+from datafactory.paths.echo_points import EchoPoints
 from datafactory.paths.edges import edges_of
 from datafactory.paths.geometry import clear_between
 from datafactory.paths.merged_scene import MergedScene, merge_scene
-from datafactory.paths.panes import FADED, panes_between
-from datafactory.paths.round_corners import TARGETS_AT_ONCE, Hidden, echoes_round_corners
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import DIFFRACTED, TARGET, ScatteredPaths
-from datafactory.paths.targets import FAINTEST, TargetEchoes
+from datafactory.paths.targets import FAINTEST, TARGETS_AT_ONCE, TargetEchoes, echoes_round_corners
+from datafactory.paths.view import FADED, panes_between
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.targets.models import Pedestrian
@@ -42,6 +42,11 @@ HIDDEN = np.array([[9.0, -1.0, 0.4]])
 OFF_AXIS = Pose((0.0, 4.0, 0.0))
 
 
+def points(position, velocity, rcs_m2, first: int = 0) -> EchoPoints:
+    """One of each target, numbered from ``first`` on; in the radar frame."""
+    return EchoPoints(position, velocity, rcs_m2, np.arange(first, first + len(position), dtype=np.int32), 0, 0)
+
+
 def round_corner(
     of: MergedScene, target=HIDDEN, pose=OFF_AXIS, velocity=(0.0, 0.0, 0.0), rcs_m2=10.0, sight=None, **options
 ):
@@ -49,9 +54,7 @@ def round_corner(
     position = (np.atleast_2d(target) - np.array(pose.position)) @ pose.rotation()
     relative = (np.array([velocity]) - np.array(pose.velocity)) @ pose.rotation()
     count = len(position)
-    hidden = Hidden(
-        position, np.repeat(relative, count, axis=0), np.full(count, rcs_m2), np.arange(7, 7 + count, dtype=np.int32)
-    )
+    hidden = points(position, np.repeat(relative, count, axis=0), np.full(count, rcs_m2), 7)
     return echoes_round_corners(
         view_with(slabs(of), sight or everything, edges=edges_of(of).seen_from(pose)), hidden, **options
     )
@@ -85,7 +88,7 @@ def test_the_way_round_is_as_long_as_it_is_for_every_element(low, on_edge, targe
     of = scene_of(box("house", low, (30.0, 40.0, 40.0), "metal"))
     edge = only_edge_at(edges_of(of), on_edge)
     position = np.array([target])
-    hidden = Hidden(position, np.zeros((1, 3)), np.ones(1), np.zeros(1, dtype=np.int32))
+    hidden = points(position, np.zeros((1, 3)), np.ones(1))
     path, _ = echoes_round_corners(view_with(slabs(of), everything, edges=edge), hidden)
     for y_tx, y_rx in ((0.0, 0.0), (0.0, 0.25), (-0.005, -0.25)):
         tx, rx = np.array([0.0, y_tx, 0.0]), np.array([0.0, y_rx, 0.0])
@@ -122,7 +125,7 @@ def test_two_ways_round_make_four_paths_and_a_wall_leaves_one():
         rims = edges_of(of)
         rims = rims.take((rims.start[:, 0] < 10.0) & (np.abs(rims.direction[:, 2]) > 0.5))  # the pillar's upright ones
         sight = partial(clear_between, sionna_scene(of).mi_scene)
-        hidden = Hidden(np.array([target]), np.zeros((1, 3)), np.ones(1), np.zeros(1, dtype=np.int32))
+        hidden = points(np.array([target]), np.zeros((1, 3)), np.ones(1))
         return echoes_round_corners(view_with(slabs(of), sight, edges=rims), hidden)
 
     both, counts = found(pillar)
@@ -178,11 +181,9 @@ def half_of_all(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray
     return np.sin(1e3 * (start + 2.0 * end)).sum(axis=1) > 0.0
 
 
-def echoes(
-    position: NDArray[np.float64], owner: NDArray[np.int32], polarization=("V", "V")
-) -> tuple[ScatteredPaths, dict[str, int]]:
+def echoes(position: NDArray[np.float64], first: int, polarization=("V", "V")) -> tuple[ScatteredPaths, dict[str, int]]:
     velocity = np.stack([position[:, 1], 0.1 * position[:, 0], 0.0 * position[:, 0]], axis=1)
-    hidden = Hidden(position, velocity, 0.1 + position[:, 0], owner)
+    hidden = points(position, velocity, 0.1 + position[:, 0], first)
     return echoes_round_corners(
         view_with(slabs(STREET), half_of_all, TraceSettings(polarization=polarization), edges=EDGES), hidden
     )
@@ -196,9 +197,9 @@ def same_bytes(one: object, other: object) -> None:
 
 @pytest.mark.parametrize("polarization", [("V", "V"), ("V", "H")])
 def test_all_targets_together_have_the_echoes_that_each_has_alone(generator, polarization) -> None:
-    position, owner = targets(generator), np.arange(100, 100 + COUNT, dtype=np.int32)
-    together, counts = echoes(position, owner, polarization)
-    alone = [echoes(position[n : n + 1], owner[n : n + 1], polarization) for n in range(COUNT)]
+    position = targets(generator)
+    together, counts = echoes(position, 100, polarization)
+    alone = [echoes(position[n : n + 1], 100 + n, polarization) for n in range(COUNT)]
     assert len(together) > COUNT
     same_bytes(together, ScatteredPaths.joined([paths for paths, _ in alone]))
     assert counts == {name: sum(one[name] for _, one in alone) for name in counts}

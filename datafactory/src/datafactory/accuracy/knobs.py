@@ -14,9 +14,9 @@ from typing import Any
 from datafactory.effects.catalogue import ALL
 from datafactory.frame.chain import ChainSettings, SceneSource, narrowed
 from datafactory.frame.deal import DealtFrame, PreparedScene
+from datafactory.paths.cells import UNPRUNED_DB
 from datafactory.paths.storage import TracedFrame
 from datafactory.paths.table import PathTable
-from datafactory.paths.thinning import UNPRUNED_DB
 from datafactory.run.preparation import Order
 from shared.dataset import STORES
 from shared.radar import Radar
@@ -35,7 +35,7 @@ class KnobSettings:
     """A setting of every knob, in their order.
 
     :param rays, depth: see :class:`datafactory.paths.solver.TraceSettings`
-    :param prune_db: see :func:`datafactory.paths.thinning.pruned`
+    :param prune_db: see :func:`datafactory.paths.cells.pruned`
     :param tolerance: of the cube, relative L2
     :param truth_terms: polynomial terms of the range walk
     """

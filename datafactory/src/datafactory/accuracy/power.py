@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from datafactory.accuracy.knobs import Effort, KnobSettings, Sample
-from datafactory.paths.density import cell_power
+from datafactory.paths.cells import cell_power
 from datafactory.paths.solver import TraceSettings
 from shared.physics.units import amplitude_to_db
 from shared.physics.vectors import Real
@@ -105,7 +105,7 @@ def worst_of(frames: Sequence[Errors]) -> Errors:
 class Realisations:
     """Power in the cells, by realisation.
 
-    :param power: [M, R, U'] of :func:`datafactory.paths.density.cell_power` [W]
+    :param power: [M, R, U'] of :func:`datafactory.paths.cells.cell_power` [W]
     :param paths: mean number
     """
 

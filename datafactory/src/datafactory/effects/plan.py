@@ -32,7 +32,7 @@ from datafactory.paths.candidates import (
     TARGET_SEEN,
     TWICE,
 )
-from datafactory.paths.density import cell_map, cell_power
+from datafactory.paths.cells import cell_map, cell_power
 from datafactory.paths.notice import Notice
 from datafactory.paths.table import PathTable
 from shared.dataset.writing import atomic

@@ -25,8 +25,7 @@ from datafactory.frame.chain import (
     narrowed,
 )
 from datafactory.frame.measurement import image
-from datafactory.paths.density import cell_power
-from datafactory.paths.thinning import UNPRUNED_DB
+from datafactory.paths.cells import UNPRUNED_DB, cell_power
 from shared.physics.units import amplitude_to_db, power_to_db
 from shared.radar import Radar
 from shared.signal.imaging import delay_and_sum

@@ -30,13 +30,12 @@ from datafactory.frame.measurement import (
 )
 from datafactory.frame.points import CloseTargets, draw_close_targets
 from datafactory.paths.backend import select_variant
-from datafactory.paths.density import lit_cells
+from datafactory.paths.cells import DEFAULT_LEVEL_DB, lit_cells, pruned
 from datafactory.paths.notice import Notice
 from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.storage import TracedFrame, read_frame_paths
 from datafactory.paths.table import PathTable
-from datafactory.paths.thinning import DEFAULT_LEVEL_DB, pruned
 from datafactory.paths.trace import trace
 from datafactory.scenes.boxes import seen_things
 from datafactory.synthesis.cube import kernels_on
@@ -56,7 +55,7 @@ class ChainSettings:
 
     :param trace: how its scene is traced; the polarisation is the radar's
     :param processing: what turns paths into columns
-    :param prune_db: see :func:`datafactory.paths.thinning.pruned`
+    :param prune_db: see :func:`datafactory.paths.cells.pruned`
     :param antenna_pattern: an effect: the elements' gain by direction; off: the gain of boresight everywhere
     :param close_targets: distributions of the targets of a point frame
     :param budget_db: what leaving effects out of a frame may change [dB of the peak]: each frame then has what its own

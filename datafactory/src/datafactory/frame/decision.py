@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.candidates import PANE
-from datafactory.paths.density import cell_map
+from datafactory.paths.cells import cell_map
 from datafactory.paths.notice import Notice, strongest
 from datafactory.paths.table import CORNER, DIFFRACTED, DIFFUSE, REFRACTED, SPECULAR, TARGET, PathTable
 from shared.physics.compiled import compiled

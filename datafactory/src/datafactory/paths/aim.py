@@ -1,20 +1,16 @@
 """More rays where few would share a resolution cell: what the first look at a scene says of the elevations.
 
-On flat ground at depth h below the sensor a ray at the sine of elevation z < 0 meets r = -h / z, and a range cell dr is
-dz = h dr / r^2 wide: at 30 m a hundredth of what it is at 3 m. Walls are the other way round: a column of rays shares
-one cell. So a few rays are sent ahead, in the fan's own density. Each that arrives at r, on a surface with the normal
-n, says how many rays a unit of z has to have for its cell to hold K of them,
+On flat ground a range cell covers less and less of the elevations with distance (docs/notes/speckle.md). So a few rays
+are sent ahead, in the fan's own density. Each that arrives at r, on a surface with the normal n, says how many rays a
+unit of z, the sine of elevation, has to have for its cell to hold K of them,
 
     dr/dz = -r (n . d') / (n . d),     p(z) = K / (N P_u dz),     dz = dr_cell / |dr/dz|,
 
 with d' the change of the direction d by z at a fixed azimuth, and P_u the fan's share of rays in a cell of u. A strip
 of elevations asks for what is enough for three quarters of its rays: what is rarer would take rays for walls that have
 them. A cell costs K rays wherever it is, so the nearest come first: all strips are given what they ask for within the
-largest range for which the rays suffice. Every strip keeps a share of the fan's density, for what lies beyond, and for
-what is scattered twice.
-
-The look's lattice does not depend on the frame's offset. Given what it says, the expected power over offsets is
-therefore what it was; :meth:`datafactory.paths.rays.RayFan.solid_angle_ratio` has the density.
+largest range for which the rays suffice. Every strip keeps a share of the fan's density, for what lies beyond. The
+look's lattice does not depend on the frame's offset: given what it says, the expected power is what it was.
 """
 
 from __future__ import annotations
@@ -23,15 +19,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from datafactory.paths.cells import RANGE_CELL_M, U_CELL
 from datafactory.paths.rays import UNIFORM_IN_U, RayFan
-from datafactory.paths.thinning import RANGE_CELL_M, U_CELL
 from datafactory.paths.view import View, Waves
 from shared.physics.vectors import Real, dots, lengths
 
 STRIPS, RAYS_A_STRIP = 256, 64
 """Strips of equal shares of the beam; at the horizon 256 of them are 9e-4 wide, 1.4 m of ground at 30 m."""
 RAYS_A_CELL = 6.0
-"""K. One more than makes speckle (:data:`datafactory.paths.density.FEW_PATHS`), for a lattice does not fall evenly."""
+"""K. One more than makes speckle (:data:`datafactory.paths.cells.FEW_PATHS`), for a lattice does not fall evenly."""
 UNAIMED = 0.55
 """Least factor on the fan's density. More lights more cells far away and fills fewer near (docs/notes/speckle.md)."""
 AGREEING = 0.75

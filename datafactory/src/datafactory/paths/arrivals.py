@@ -1,16 +1,14 @@
 """Waves of a frame where they meet surfaces, and what the RX hears of their scattering there.
 
-A ray of N stands for the solid angle Omega = 4 pi / N of its tube, which plane mirrors keep. Of unit power on isotropic
-antennas the tube holds Omega / (4 pi). The surface takes S^2 |Gamma|^2 of it, spreads it with the pattern f
-(:mod:`datafactory.paths.scattering`), and the RX, r away, has the aperture lambda^2 / (4 pi):
+A ray of N stands for the solid angle Omega = 4 pi / N of its tube, which plane mirrors keep, and so for Omega / (4 pi)
+of unit power. The surface takes S^2 |Gamma|^2 of it, spreads it with the pattern f (:mod:`.scattering`), and the RX, r
+away, has the aperture lambda^2 / (4 pi):
 
     A = lambda / (4 pi r) S |Gamma| sqrt(f Omega) e,    |Gamma| = |R e_i| / |e_i|,
 
-with R the slab's reflection of the arriving field e_i (:mod:`datafactory.paths.panes`), which has the factors of all
-that happened to it before, and e its part along the RX's polarisation. The scattered field keeps its components along
-theta^ and phi^: Sionna's model with K_x = 0.
-
-The surface's phase is applied afterwards (:mod:`datafactory.paths.trace`), and so is the fan's solid angle.
+with R the slab's reflection of the arriving field e_i, which has the factors of all that happened to it before, and e
+its part along the RX's polarisation. The scattered field keeps its components along theta^ and phi^: Sionna's model
+with K_x = 0. The surface's phase and the fan's solid angle are applied afterwards (:mod:`datafactory.paths.rows`).
 
 Echoes are gathered by what happened on their way. Each such group is thinned by itself, with random numbers of its own:
 what else is simulated changes none of its paths.
@@ -23,15 +21,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from datafactory.paths.cells import cell_of, thinned
 from datafactory.paths.columns import WHOLE, Columns
-from datafactory.paths.panes import NEAREST_M, polarization_axis
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import share_at
-from datafactory.paths.slabs import reflected_fields, reflectivity
 from datafactory.paths.solver import Bundle
 from datafactory.paths.table import DIFFUSE, SPECULAR
-from datafactory.paths.thinning import cell_of, thinned
-from datafactory.paths.view import Hits, View, Waves
+from datafactory.paths.view import NEAREST_M, Hits, View, Waves, polarization_axis
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Complex, Index, Real, dots, lengths, taken
 
@@ -46,7 +42,6 @@ class Arrivals(Columns):
     """n waves where they meet surfaces. Of those that are taken each stands for as much as before.
 
     :param waves: as they arrive; :param hits: where
-    :param te, tm: [n] R of the surfaces
     :param ratio: [n] solid angle of the fan's rays over 4 pi / N
     :param ray: [n] of the fan, rising
     :param kinds: of the bounces before
@@ -56,8 +51,6 @@ class Arrivals(Columns):
     view: View = field(metadata=WHOLE)
     waves: Waves
     hits: Hits
-    te: Complex
-    tm: Complex
     ratio: Real
     ray: Index
     kinds: tuple[int, ...] = field(metadata=WHOLE)
@@ -69,10 +62,17 @@ class Arrivals(Columns):
         direction = fan.directions()
         field = polarization_axis(direction, view.settings.polarization[0]).astype(np.complex128)
         index, hits = view.hit_by(departing := Waves.departing(direction, field))
-        return Arrivals(
-            view, departing.arrived(index, hits), hits, *view.slabs.reflection(hits.mesh, hits.cosine),
-            fan.solid_angle_ratio(direction[index]), index, (), fan.count,
-        )  # fmt: skip
+        ratio = fan.solid_angle_ratio(direction[index])
+        return Arrivals(view, departing.arrived(index, hits), hits, ratio, index, (), fan.count)
+
+    def followed(self, departing: Waves, kinds: tuple[int, ...]) -> tuple[Arrivals, Index]:
+        """Where waves arrive that go on in place of these, and which of these go on to anything.
+
+        :param kinds: of their bounces
+        """
+        index, hits = self.view.hit_by(departing)
+        waves, ratio, ray = departing.arrived(index, hits), self.ratio[index], self.ray[index]
+        return replace(self, waves=waves, hits=hits, ratio=ratio, ray=ray, kinds=kinds), index
 
     def share(self, each: int) -> tuple[Arrivals, Arrivals]:
         """Every ``each``-th ray of the fan, and the others; what is found from both is what is found from all."""
@@ -82,7 +82,8 @@ class Arrivals(Columns):
     def onward(self, direction: Real, field: Complex, kind: int) -> Arrivals:
         """Where those waves arrive next that leave in ``direction`` [n, 3], unit, with ``field`` [n, 3], not zero."""
         left = np.flatnonzero(field.any(axis=1))
-        hits, waves, ratio, ray = self.hits.take(left), self.waves.take(left), self.ratio[left], self.ray[left]
+        before = self.take(left)
+        hits, waves = before.hits, before.waves
         direction, field = taken(direction, left), taken(field, left)
         turned = dots(self.view.velocity(hits.triangle, hits.point), waves.direction - direction)
         departing = Waves(
@@ -95,31 +96,28 @@ class Arrivals(Columns):
             np.concatenate([waves.bounced, hits.point[:, None]], axis=1),
             np.concatenate([waves.triangles, hits.triangle[:, None]], axis=1),
         )
-        index, met = self.view.hit_by(departing)
-        te, tm = self.view.slabs.reflection(met.mesh, met.cosine)
-        kinds = (*self.kinds, kind)
-        return replace(
-            self, waves=departing.arrived(index, met), hits=met, te=te, tm=tm, ratio=ratio[index], ray=ray[index],
-            kinds=kinds,
-        )  # fmt: skip
+        return before.followed(departing, (*self.kinds, kind))[0]
 
     def reflected(self) -> Arrivals:
         """Where those waves arrive next that the surfaces send on as mirrors: sqrt(1 - S^2) R of the field."""
-        direction, field = reflected_fields(self.waves.direction, self.hits.normal, self.waves.field, self.te, self.tm)
-        smooth = self.view.slabs.unscattered(self.hits.mesh)
-        return self.onward(direction, field * smooth[:, None], SPECULAR)
+        waves, hits, slabs = self.waves, self.hits, self.view.slabs
+        direction, field = slabs.reflected(hits.mesh, waves.direction, hits.normal, waves.field)
+        return self.onward(direction, field * slabs.unscattered(hits.mesh)[:, None], SPECULAR)
+
+    def reflectivity(self) -> Real:
+        """[n] |Gamma| of the module."""
+        return self.view.slabs.reflectivity(self.hits.mesh, self.waves.direction, self.hits.normal, self.waves.field)
 
     def echoes(self) -> Echoes:
         """What the surfaces scatter back to the RX, where it sees them."""
-        hits, waves = self.hits, self.waves
+        hits = self.hits
         seen = np.flatnonzero(lengths(hits.point) >= NEAREST_M)
         if self.kinds:
             seen = seen[dots(taken(hits.normal, seen), taken(hits.point, seen)) < 0.0]
             seen = seen[self.view.sight(taken(hits.point, seen), np.zeros(3))]
         # Home again, theta^ is where it was when the wave came, and phi^ is reversed: the RX looks against the wave.
         sign = 1.0 if self.view.settings.polarization[1] == "V" else -1.0
-        kept = sign * reflectivity(waves.direction, hits.normal, waves.field, self.te, self.tm)
-        return self.heard(seen, waves.field, kept, 0)
+        return self.heard(seen, self.waves.field, sign * self.reflectivity(), 0)
 
     def heard(self, index: Index, field: Complex, kept: Real, crossings: int) -> Echoes:
         """The echoes of scattered fields.
@@ -168,15 +166,10 @@ class Echoes(Columns):
             most = (most + 1) // 2
         index, factor = thinned(self.cell, self.power, most, random)
         left = self.arrivals.take(index)
-        waves, hits, view = left.waves, left.hits, left.view
-        triangles = np.concatenate([waves.triangles, hits.triangle[:, None]], axis=1)
-        vertices = np.concatenate([waves.bounced, hits.point[:, None]], axis=1)
         return Bundle(
-            vertices=vertices,
+            vertices=np.concatenate([left.waves.bounced, left.hits.point[:, None]], axis=1),
             interactions=np.tile(np.array(self.kinds, dtype=np.int64), (len(index), 1)),
-            objects=view.merged.owner[triangles].astype(np.int64),
-            triangles=triangles,
-            velocities=view.velocity(triangles.reshape(-1), vertices.reshape(-1, 3)).reshape(vertices.shape),
+            triangles=np.concatenate([left.waves.triangles, left.hits.triangle[:, None]], axis=1),
             crossings=np.full(len(index), self.crossings, dtype=np.int64),
             amplitude=self.amplitude[index] * np.sqrt(factor),
         )

@@ -155,21 +155,16 @@ def find_llvm() -> tuple[Path, str]:
     :raises InputError: if there is none, or only one older than 17
     """
     given = os.environ.get(LLVM_VARIABLE)
-    if given:
-        path = Path(given)
-        if not path.is_file():
-            raise InputError(LLVM_VARIABLE, f"no file {given}", "a libLLVM, or the variable unset")
-        version = llvm_version(path)
-        if _major_version(version) < MINIMUM_LLVM:
-            raise InputError(LLVM_VARIABLE, _too_old(path, version), f"{INSTALL_LLVM}, and the variable unset")
-        assert version is not None  # its major number was just compared
-        return path, version
+    if given and not Path(given).is_file():
+        raise InputError(LLVM_VARIABLE, f"no file {given}", "a libLLVM, or the variable unset")
     refused: list[str] = []
-    for path in _candidates():
+    for path in [Path(given)] if given else _candidates():
         version = llvm_version(path)
         if version and _major_version(version) >= MINIMUM_LLVM:
             return path, version
         refused.append(_too_old(path, version))
+    if given:
+        raise InputError(LLVM_VARIABLE, refused[0], f"{INSTALL_LLVM}, and the variable unset")
     raise InputError("LLVM", refused[0] if refused else "no libLLVM was found", INSTALL_LLVM)
 
 

@@ -1,9 +1,8 @@
 """The bodies of a scene: triangles of one motion on common vertices, and the edges at which they meet.
 
 Meshes of one motion form one body, because a roof and its walls, or the panels of a car, are often meshes of
-different materials. Their vertices are welded within ``WELD_M``. A body that does not turn is the same at all times,
-but for its shift, so that what is found of its shape stays: edges, curved surfaces, planes and their boundaries, faces
-and corners are all found body by body.
+different materials. Their vertices are welded within ``WELD_M``. All that is found of a scene's shape is found body by
+body: of a body that does not turn it stays the same, but for its shift.
 """
 
 from __future__ import annotations
@@ -86,7 +85,7 @@ def bodies_of(merged_scene: MergedScene) -> tuple[Body, ...]:
         members.setdefault(mesh.rigid_body, []).append(index)
     bodies = []
     for number, each in enumerate(members.values()):
-        stays = known is not None and merged_scene.meshes[each[0]].turned is None
+        stays = known is not None and not merged_scene.meshes[each[0]].turning
         bodies.append(known[number] if known is not None and stays else _body(merged_scene, each))
     return tuple(bodies) or (_body(merged_scene, []),)
 

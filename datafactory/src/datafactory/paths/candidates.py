@@ -1,15 +1,13 @@
-"""Echoes that may come, each with a bound, before anything is tested for visibility.
+"""Echoes that may come, each with a bound, before anything is tested for visibility (docs/notes/planning.md).
 
-Edges, corners and targets are listed: how strong each echo can be at most follows from where it stands, and costs
-little beside looking for what hides it. What is not listed, waves scattered twice and chains of mirrors, has an
-estimate from a thin share of the frame's rays in its place. Candidates are independent of the radar, as paths are. A
-trace that serves many radars stores them beside its paths; each radar then decides by them what it would not notice
-(:mod:`datafactory.paths.notice`).
+Edges, corners and targets are listed. What is not listed, waves scattered twice and chains of mirrors, has an estimate
+from a thin share of the frame's rays in its place. Candidates are independent of the radar, as paths are: a trace that
+serves many radars stores them, and each then decides what it would not notice (:mod:`datafactory.paths.notice`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,9 +66,3 @@ class Candidates(Columns):
     def none() -> Candidates:
         """None at all."""
         return Candidates.of(EDGE, np.zeros((0, 3)), np.zeros(0))
-
-    def at_wavelength(self, traced_m: float, wanted_m: float) -> Candidates:
-        """For another wavelength [m] than they were traced at: amplitudes are proportional to it."""
-        if traced_m == wanted_m:
-            return self
-        return replace(self, power=self.power * np.float32((wanted_m / traced_m) ** 2))

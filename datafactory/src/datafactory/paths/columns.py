@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.scenes.poses import Pose
-from shared.physics.vectors import Index, Real, taken
+from shared.physics.vectors import Index, Real, lengths, taken
 
 WHOLE = {"kind": "whole"}
 """Metadata of a field that is about all things."""
@@ -49,10 +50,31 @@ class Placed(Columns):
 
     :param velocity: [n, 3] [m/s]
     :param shift: [n, 3] what is to be added to the points [m]: the displacement of a body that does not turn
+    :param counts: what was found and left out, by name
     """
 
     velocity: Real = field(metadata=VELOCITY, kw_only=True)
     shift: Real = field(kw_only=True)
+    counts: dict[str, int] = field(metadata=WHOLE, default_factory=dict, kw_only=True)
+
+    @classmethod
+    def of_bodies(cls, parts: Sequence[Self], **whole: Any) -> Self:
+        """Those of several bodies, their counts added up."""
+        names = dict.fromkeys(name for part in parts for name in part.counts)
+        counts = {name: sum(part.counts.get(name, 0) for part in parts) for name in names}
+        return cls.joined(parts, counts=counts, **whole)
+
+    def moving_with(self, merged_scene: MergedScene, mesh: Index) -> Self:
+        """The same things with the motions of meshes [n] of a merged scene at its time."""
+        return replace(self, velocity=merged_scene.velocities[mesh], shift=merged_scene.shifts[mesh])
+
+    def nearest(self) -> Real:
+        """[n, 3] the point of each that lies nearest to the origin [m]."""
+        raise NotImplementedError
+
+    def within(self, distance_m: float) -> Self:
+        """Those of which a part lies nearer than this to the origin [m]: in the radar frame, those in range."""
+        return self.take(lengths(self.nearest()) < distance_m)
 
     def seen_from(self, pose: Pose) -> Self:
         """The same things in the radar frame at the pose's time, velocities relative to the radar."""
@@ -88,11 +110,6 @@ def pairs_in_runs(value: Index) -> tuple[Index, Index]:
     first = np.searchsorted(value, value, side="left")
     one = np.repeat(np.arange(len(value)), np.searchsorted(value, value, side="right") - first)
     return one, first[one] + place_in_run(one)
-
-
-def counts_of(parts: Sequence[dict[str, int]]) -> dict[str, int]:
-    """Counts of several, added up by name."""
-    return {name: sum(part.get(name, 0) for part in parts) for name in {name: None for part in parts for name in part}}
 
 
 def _names(kind: Any) -> tuple[str, ...]:

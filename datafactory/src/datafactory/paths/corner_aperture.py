@@ -1,19 +1,21 @@
 """The aperture of right-angled corners: pieces along the edge, what either order of the faces opens, Fresnel integrals.
 
-The equations stand in :mod:`datafactory.paths.corner_echoes`. A piece is in sight
-where both legs to a point of either face are free; the aperture of either order is looked at within the first zones.
+The equations stand in :mod:`datafactory.paths.corner_echoes`. A piece is in sight where both legs to a point of either
+face are free; the aperture of either order is looked at within the first zones.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import fresnel
 
 from datafactory.paths.columns import Columns
-from datafactory.paths.corner_edges import CornerEdges
+from datafactory.paths.corners import CornerEdges
 from datafactory.paths.diffraction import GRAZING
 from datafactory.paths.geometry import ray_margin_m
 from shared.physics.compiled import compiled
@@ -30,26 +32,6 @@ BEAM_ZONES = 2.0
 """Half width of the aperture in which sight is tested [Fresnel radii sqrt(lambda h / 2)]."""
 ACROSS = 3
 """Points across the aperture in which sight is tested, for each order."""
-
-
-@dataclass(frozen=True)
-class Views(Columns):
-    """C corners as the radar at the origin sees them, in their own coordinates.
-
-    :param foot: [C, 3] of the perpendicular on the edge's line [m]; :param foot_z: [C] its place along the edge
-    :param height: [C] h [m]; :param angle: [C] of the radar from the first face; :param opening: [C] psi [rad]
-    """
-
-    foot: Real
-    foot_z: Real
-    height: Real
-    angle: Real
-    opening: Real
-
-    @property
-    def shortest(self) -> Real:
-        """[C] L* [m]."""
-        return 2.0 * self.height * np.sin(self.opening)
 
 
 @dataclass(frozen=True)
@@ -87,19 +69,17 @@ def place_of(v: Real, height: Real, wavelength_m: float) -> Real:
     return np.sign(v) * np.sqrt(half * (half + 2.0 * height))
 
 
-def cells_along(corners: CornerEdges, views: Views, wavelength_m: float) -> Cells:
+def _cells_along(corners: CornerEdges, wavelength_m: float) -> Cells:
     """The strips in cells that are narrow near the foot of the perpendicular."""
     of = corners.corner_of_strip
-    height, foot_z = views.height[of], views.foot_z[of]
-    low, high = corners.extent()
-    nearest = np.clip(views.foot_z, low, high) - views.foot_z
-    least = longer_along(nearest, views.height)
-    farthest = place_of(np.sqrt(4.0 * (least + FADED * SPREAD_M) / wavelength_m), views.height, wavelength_m)[of]
+    height, foot_z, nearest = corners.height[of], corners.foot_z[of], corners.beside
+    least = longer_along(nearest, corners.height)
+    farthest = place_of(np.sqrt(4.0 * (least + FADED * SPREAD_M) / wavelength_m), corners.height, wavelength_m)[of]
     from_foot = corners.strips[:, :2] - foot_z[:, None]
     within = np.clip(from_foot, -farthest[:, None], farthest[:, None])
     used = np.flatnonzero(within[:, 1] > within[:, 0])
     within, of, height = within[used], of[used], height[used]
-    strip, place = corners.strips[used], views.foot_z[of]
+    strip, place = corners.strips[used], corners.foot_z[of]
     bent = np.abs(strip[:, [3, 5]] - strip[:, [2, 4]]).max(axis=1, initial=0.0) > 1e-4
     bent |= nearest[of] != 0.0
     count = np.where(bent, CELLS[1], CELLS[0])
@@ -142,106 +122,125 @@ class FaceOrder:
     reach: Real
     beyond: Real
 
-    @staticmethod
-    def of(cells: Cells, views: Views, order: int) -> FaceOrder:
-        here = views.take(cells.corner)
-        angle = here.angle if order == 0 else here.opening - here.angle
-        reach = cells.reach if order == 0 else cells.reach[:, ::-1]
-        return FaceOrder(here.height, angle, here.opening, reach, cells.beyond)
+    @property
+    def bend(self) -> tuple[Real, Real, Real]:
+        """[K] h sin(phi), h sin(phi + psi), sin(psi)."""
+        h, phi, psi = self.height, self.angle, self.opening
+        return h * np.sin(phi), h * np.sin(phi + psi), np.sin(psi)
 
     def end(self) -> Real:
         """[K] how far from the edge the second face is lit by the first [m]."""
         first, second = self.reach.T
-        below = self.height * np.sin(self.angle)
-        rest = self.height * np.sin(self.angle + self.opening) - first * np.sin(self.opening)
+        below, above, opening = self.bend
+        rest = above - first * opening
         ends = rest > first * below / np.maximum(second, 1e-12)
         lit = np.sin(self.angle + self.opening) > GRAZING  # else the image stands behind the second face
         end = np.where(lit, np.where(ends, first * below / np.where(ends, rest, 1.0), second), 0.0)
         # Beside the foot the wave meets the first face nearer to the foot, by h sin(phi) over h sin(phi) + b sin(psi).
-        return np.minimum(end, below / np.sin(self.opening) * np.maximum(self.beyond, 0.0))
+        return np.minimum(end, below / opening * np.maximum(self.beyond, 0.0))
 
     def longer(self, b: Real) -> Real:
-        """[...] L(b) - L* [m]; a trailing axis of b is one of points."""
-        h, phi, psi = (_like(value, b) for value in (self.height, self.angle, self.opening))
+        """[K, n] L(b) - L* [m] of points b [K, n]."""
+        h, phi, psi = (value[:, None] for value in (self.height, self.angle, self.opening))
         legs = [np.sqrt(h * h + b * b - 2.0 * h * b * np.cos(psi + turn * phi)) for turn in (1.0, -1.0)]
         return np.maximum(legs[0] + legs[1] - 2.0 * h * np.sin(psi), 0.0)
-
-    def share_to(self, b: Real, wavelength_m: float) -> Complex:
-        """F across from b* to b."""
-        h, phi, psi = (_like(value, b) for value in (self.height, self.angle, self.opening))
-        longer = self.longer(b)
-        side = np.sign(b * np.cos(phi) - h * np.cos(psi))
-        return _from_foot(side * np.sqrt(4.0 * longer / wavelength_m), longer)
 
     def beam(self, wavelength_m: float) -> Real:
         """[K, ACROSS] b at the middles of the pieces of the aperture in which sight is tested [m]."""
         zone = np.sqrt(0.5 * wavelength_m * self.height) / np.maximum(np.cos(self.angle), 0.01)
         return np.minimum(self.end(), BEAM_ZONES * zone)[:, None] * (np.arange(ACROSS) + 0.5) / ACROSS
 
+    def pieces_across(self, wavelength_m: float) -> Complex:
+        """[K, ACROSS] F across of the pieces of the aperture."""
+        middle = self.beam(wavelength_m)
+        begin, end = np.zeros((len(middle), 1)), self.end()[:, None]
+        b = np.concatenate([begin, middle[:, :-1] + middle[:, :1], end], axis=1)
+        side = np.sign(b * np.cos(self.angle)[:, None] - (self.height * np.cos(self.opening))[:, None])
+        longer = self.longer(b)
+        return np.diff(_from_foot(side * np.sqrt(4.0 * longer / wavelength_m), longer), axis=1)
 
-def _like(value: Real, points: Real) -> Real:
-    return value if points.ndim == 1 else value[:, None]
 
+@dataclass(frozen=True)
+class Apertures:
+    """C corners whose apertures are cut into pieces: K cells along the edges, ``ACROSS`` pieces each in either order.
 
-def integrals(cells: Cells, views: Views, wavelength_m: float, seen: Mask) -> Complex:
-    """[2, C] F of both orders.
-
-    :param seen: [2, K, ACROSS] whether a piece of the aperture is in sight
+    :param number: [C] of the corners among the candidates
+    :param corners: in the radar frame
+    :param pieces: [2, K, ACROSS] which pieces are taken to be in sight
     """
-    total, along = np.zeros((2, len(views.height)), dtype=np.complex128), cells.shares_along(wavelength_m)
-    for order in (0, 1):
-        across = (_pieces_across(FaceOrder.of(cells, views, order), wavelength_m) * seen[order]).sum(axis=1)
-        np.add.at(total[order], cells.corner, along * across)
-    return total
 
+    number: NDArray[np.int32]
+    corners: CornerEdges
+    cells: Cells
+    pieces: Mask
+    wavelength_m: float
 
-def _pieces_across(one: FaceOrder, wavelength_m: float) -> Complex:
-    """[K, ACROSS] F across of the pieces of the aperture."""
-    middle = one.beam(wavelength_m)
-    ends = np.concatenate([np.zeros((len(middle), 1)), middle[:, :-1] + middle[:, :1], one.end()[:, None]], axis=1)
-    return np.diff(one.share_to(ends, wavelength_m), axis=1)
+    @staticmethod
+    def of(number: NDArray[np.int32], corners: CornerEdges, wavelength_m: float) -> Apertures:
+        """With all pieces, as if nothing stood before them."""
+        cells = _cells_along(corners, wavelength_m)
+        return Apertures(number, corners, cells, np.ones((2, len(cells), ACROSS), dtype=bool), wavelength_m)
 
+    @cached_property
+    def orders(self) -> tuple[FaceOrder, FaceOrder]:
+        """Both orders of the faces."""
+        corners, of, reach, beyond = self.corners, self.cells.corner, self.cells.reach, self.cells.beyond
+        height, angle, opening = corners.height[of], corners.angle[of], corners.opening[of]
+        return (
+            FaceOrder(height, angle, opening, reach, beyond),
+            FaceOrder(height, opening - angle, opening, reach[:, ::-1], beyond),
+        )
 
-def without_hidden(cells: Cells, seen: Mask) -> tuple[Cells, Mask]:
-    some = np.flatnonzero(seen.any(axis=(0, 2)))
-    return cells.take(some), seen[:, some]
+    def take(self, mask: Mask) -> Apertures:
+        """Those of some corners."""
+        some = self._of_cells(mask[self.cells.corner])
+        cells = replace(some.cells, corner=(np.cumsum(mask) - 1)[some.cells.corner])
+        return replace(some, number=self.number[mask], corners=self.corners.take(mask), cells=cells)
 
+    def without_hidden(self) -> Apertures:
+        """Without the cells of which no piece is in sight."""
+        return self._of_cells(np.asarray(self.pieces.any(axis=(0, 2))))
 
-def ends_along(cells: Cells, count: int) -> tuple[Real, Real]:
-    """v [C] at either end of what is in sight of the corners."""
-    low, high = np.full(count, np.inf), np.full(count, -np.inf)
-    np.minimum.at(low, cells.corner, cells.start)
-    np.maximum.at(high, cells.corner, cells.stop)
-    return low, high
+    def _of_cells(self, mask: Mask) -> Apertures:
+        return replace(self, cells=self.cells.take(mask), pieces=self.pieces[:, mask])
 
+    def integrals(self) -> Complex:
+        """[2, C] F of both orders, over the pieces in sight."""
+        total, along = np.zeros((2, len(self.number)), dtype=np.complex128), self.cells.shares_along(self.wavelength_m)
+        for order, one in enumerate(self.orders):
+            across = (one.pieces_across(self.wavelength_m) * self.pieces[order]).sum(axis=1)
+            np.add.at(total[order], self.cells.corner, along * across)
+        return total
 
-def widths_across(cells: Cells, views: Views, wavelength_m: float, count: int) -> Real:
-    """v [C] from the edge to the aperture's narrower end, weighted with the cells' shares."""
-    ends = [one.longer(one.end()) for one in (FaceOrder.of(cells, views, order) for order in (0, 1))]
-    v = np.sqrt(4.0 * np.minimum(*ends) / wavelength_m)
-    weight = np.abs(cells.shares_along(wavelength_m))
-    total = np.bincount(cells.corner, weight, count)
-    return np.bincount(cells.corner, weight * v, count) / np.maximum(total, 1e-300)
+    def ends_along(self) -> tuple[Real, Real]:
+        """v [C] at either end of the cells of each corner."""
+        low, high = np.full(len(self.number), np.inf), np.full(len(self.number), -np.inf)
+        np.minimum.at(low, self.cells.corner, self.cells.start)
+        np.maximum.at(high, self.cells.corner, self.cells.stop)
+        return low, high
 
+    def widths_across(self) -> Real:
+        """v [C] from the edge to the aperture's narrower end, weighted with the cells' shares."""
+        ends = [one.longer(one.end()[:, None])[:, 0] for one in self.orders]
+        v = np.sqrt(4.0 * np.minimum(*ends) / self.wavelength_m)
+        weight, count = np.abs(self.cells.shares_along(self.wavelength_m)), len(self.number)
+        total = np.bincount(self.cells.corner, weight, count)
+        return np.bincount(self.cells.corner, weight * v, count) / np.maximum(total, 1e-300)
 
-def pieces_in_sight(
-    corners: CornerEdges, cells: Cells, views: Views, wavelength_m: float, sight: Callable[[Real, Real], Mask]
-) -> Mask:
-    """[2, K, ACROSS] whether both legs to the pieces of the aperture are free."""
-    seen = np.ones((2, len(cells.corner) * ACROSS), dtype=bool)
-    for order in (0, 1):
-        b = FaceOrder.of(cells, views, order).beam(wavelength_m)
-        angle = views.angle if order == 0 else views.opening - views.angle
-        below, above = (views.height * np.sin(phi) for phi in (angle, angle + views.opening))
-        for leg, face in enumerate((order, 1 - order)):
-            here = np.flatnonzero(seen[order])  # what is hidden on the first face need not be looked at on the second
-            point = _points_before_faces(
-                here, leg == 0, (cells.corner, cells.z, b), (below, above, np.sin(views.opening)),
-                (views.foot, corners.direction),
-                (np.ascontiguousarray(corners.into[:, face]), np.ascontiguousarray(corners.normal[:, face])),
-            )  # fmt: skip
-            seen[order, here] = sight(np.zeros_like(point), point)
-    return seen.reshape(2, -1, ACROSS)
+    def in_sight(self, sight: Callable[[Real, Real], Mask]) -> Apertures:
+        """With those pieces to which both legs are free."""
+        corners, cells, seen = self.corners, self.cells, self.pieces.reshape(2, -1).copy()
+        for order, one in enumerate(self.orders):
+            place = (cells.corner, cells.z, one.beam(self.wavelength_m))
+            for leg, face in enumerate((order, 1 - order)):
+                # What is hidden on the first face need not be looked at on the second.
+                here = np.flatnonzero(seen[order])
+                into, normal = (np.ascontiguousarray(axes[:, face]) for axes in (corners.into, corners.normal))
+                point = _points_before_faces(
+                    here, leg == 0, place, one.bend, (corners.foot, corners.direction), (into, normal)
+                )
+                seen[order, here] = sight(np.zeros_like(point), point)
+        return replace(self, pieces=seen.reshape(self.pieces.shape))
 
 
 @compiled()
@@ -250,7 +249,7 @@ def _points_before_faces(pieces, first, cells, bend, edge, face):
 
     :param pieces: [n] K-th cell times ``ACROSS`` and the piece of it; :param first: on the first face, or the second
     :param cells: corner [K], z along the edge [K] and b on the second face [K, ACROSS] [m]
-    :param bend: h sin(phi) [C], h sin(phi + psi) [C], sin(psi) [C]
+    :param bend: [K] of :class:`FaceOrder`
     :param edge: foot [C, 3], direction [C, 3]; :param face: into [C, 3], normal [C, 3] of the one that is met
     """
     corner, along, across = cells
@@ -262,8 +261,8 @@ def _points_before_faces(pieces, first, cells, bend, edge, face):
         k = pieces[n] // ACROSS
         c, z, away, square = corner[k], along[k], across[k, pieces[n] % ACROSS], 0.0
         if first:
-            share = below[c] / (below[c] + away * opening[c])  # of the way from the image to the second face
-            away, z = above[c] * away * share / below[c], z * share
+            share = below[k] / (below[k] + away * opening[k])  # of the way from the image to the second face
+            away, z = above[k] * away * share / below[k], z * share
         for i in range(3):
             points[n, i] = foot[c, i] + z * direction[c, i] + away * into[c, i]
             square += points[n, i] * points[n, i]

@@ -1,50 +1,35 @@
 """Single mirrors on curved surfaces: where their echoes come from, how strong they are, when they arrive.
 
-    A = conj(Gamma) sqrt(1 - S^2) lambda / (4 pi 2 R) G F
+docs/notes/curved.md has the method, how exact it is, and its limits. With R the distance of the foot, at which the
+normal goes through the radar, and kappa_1, kappa_2 the principal curvatures there (positive where convex towards the
+radar; Kouyoumjian and Pathak, Proc. IEEE 62, 1974, p. 1448; Balanis, Advanced Engineering Electromagnetics, section
+13.2),
 
-with Gamma and S as for a plane (:mod:`datafactory.paths.mirrors`), the divergence G, and the share F of a surface
-that ends. The incidence at a foot is normal, so that echoes have no cross-polarised part.
+    A = conj(Gamma) sqrt(1 - S^2) lambda / (4 pi 2 R) G F,   G = 1 / sqrt((1 + kappa_1 R) (1 + kappa_2 R)),
 
-With R the distance and kappa_1, kappa_2 the principal curvatures at the foot (positive where convex towards the radar),
-the wave of a point source at R leaves with the radii of curvature rho_i, 1 / rho_i = 1 / R + 2 kappa_i, and arrives
-with (Kouyoumjian and Pathak, Proc. IEEE 62, 1974, p. 1448; Balanis, Advanced Engineering Electromagnetics, section
-13.2)
+with Gamma and S as for a plane (:mod:`datafactory.paths.mirrors`). F is the share of a surface that ends near the foot:
+the Fresnel integral of :mod:`datafactory.paths.facets`, along the principal directions, with 1 / R + kappa_i in place
+of 1 / R, over what lies within those rims that face the radar. The incidence is normal: no cross-polarised part.
 
-    A = A_plane G F,   G = 2 sqrt(rho_1 rho_2 / ((rho_1 + R) (rho_2 + R))) = 1 / sqrt((1 + kappa_1 R) (1 + kappa_2 R)),
+A factor 1 + kappa_i R below 0 means a focus on the way: its root is taken of the magnitude, and the phase is a quarter
+of a cycle less. Near a focus the magnitude is kept above lambda kappa_i^2 R / 2, at which a mirror as wide as its
+radius of curvature covers one Fresnel zone.
 
-A_plane the amplitude of an infinite plane at R. A metal sphere far away has pi r^2, a cylinder of length L k r L^2.
-F is the share of a surface that ends near the foot: the Fresnel integral of :mod:`datafactory.paths.facets`, along the
-principal directions, with 1 / R + kappa_i in place of 1 / R, over what lies within those rims that face the radar. A
-surface has no end where it turns away.
+Delay law. To second order in the positions a, b of TX and RX across the sight u, with W the curvature tensor,
 
-A factor 1 + kappa_i R below 0 means a focus on the way (concave, R beyond the focus): its root is taken of the
-magnitude, and the phase is a quarter of a cycle less. Near a focus the magnitude is kept above lambda kappa_i^2 R / 2,
-at which a mirror as wide as its radius of curvature covers one Fresnel zone. Beyond one focus and not the other, F is
-that of the same rims without a focus.
+    c tau = 2 R - u . (a + b) + |a - b|^2 / (4 R) + (a + b) . K (a + b) / 4,   K = W (1 + R W)^-1.
 
-Delay law. To second order in the positions a, b of TX and RX across the sight u,
-
-    c tau = 2 R - u . (a + b) + |a - b|^2 / (4 R) + (a + b) . K (a + b) / 4,   K = W (1 + R W)^-1,
-
-W the curvature tensor. As the surface moves with V, u turns with K V. With k the value of K along the array's axis y,
-1 / k is the distance of the centre of curvature. Scattered paths with S = 2 R / (1 + R k), q = S u, p = (2 / k - S) u
-and b = 2 R - 2 / k are then exact to second order for a TX at the origin, in time too. They are off by
+As the surface moves with V, u turns with K V. With k the value of K along the array's axis y, scattered paths with
+S = 2 R / (1 + R k), q = S u, p = (2 / k - S) u and b = 2 R - 2 / k are exact to second order for a TX at the origin, in
+time too, and else off by
 
     |a| |b| |1 / R - k| / 2 + |a|^2 |1 / S - 1 / |p|| / 2.
 
-Specular paths with image 2 R u, as of the tangent plane, are off by |a + b|^2 |k| / 4, which is less for surfaces that
-are nearly flat. The law with the smaller error for ``TX_OFFSET_M`` and ``RX_OFFSET_M`` is used.
+Specular paths with image 2 R u, as of the tangent plane, are off by |a + b|^2 |k| / 4. The law with the smaller error
+for ``TX_OFFSET_M`` and ``RX_OFFSET_M`` is used.
 
 Limits: k r > 50 (no creeping waves, no tips); within some Fresnel zones the surface is of one material and its
 curvature is constant.
-
-Feet are the points at which a surface's normal goes through the radar. Over a triangle of corners p_i and normals n_i
-the normal is sum b_i n_i, with b the barycentric coordinates. A foot is where it is parallel to the way from the radar,
-sum b_i p_i. The point on the surface lies over that point of the chord, along the normal, by the height of the arc
-
-    sum b_i n_i . (p_i - x) / (1 + |sum b_i n_i|),
-
-exact on spheres and cylinders.
 """
 
 from __future__ import annotations
@@ -59,9 +44,8 @@ from datafactory.paths.curved_surfaces import CurvedSurfaces, curved_surfaces_of
 from datafactory.paths.facets import share_within_rims
 from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.mirrors import AHEAD_M, MirrorEchoes, plane_amplitude, way_and_back
-from datafactory.paths.panes import NEAREST_M
 from datafactory.paths.table import ScatteredPaths, SpecularPaths
-from datafactory.paths.view import View
+from datafactory.paths.view import NEAREST_M, View
 from shared.physics.vectors import Complex, Index, Mask, Real, unit
 
 INSIDE = 1e-6
@@ -110,7 +94,12 @@ class CurvedFeet(Columns):
 
 
 def curved_feet(surfaces: CurvedSurfaces, view: View) -> tuple[CurvedFeet, int]:
-    """All feet that lie ahead, and how many of the triangles ahead are left out because they lie around their focus."""
+    """All feet that lie ahead, and how many of the triangles ahead are left out because they lie around their focus.
+
+    Over a triangle of corners p_i and normals n_i the normal is sum b_i n_i, with b the barycentric coordinates. A foot
+    is where it is parallel to the way from the radar, sum b_i p_i. The surface lies over that point of the chord, along
+    the normal, by the height of the arc sum b_i n_i . (p_i - x) / (1 + |sum b_i n_i|), exact on spheres and cylinders.
+    """
     moved, rotation = view.moved[view.merged.mesh_of_triangle[surfaces.triangle]], view.rotation
     corners = (surfaces.corners + moved[:, None]) @ rotation
     ahead = np.flatnonzero(corners[:, :, 0].max(axis=1) >= -BEHIND_M)
@@ -124,7 +113,6 @@ def curved_feet(surfaces: CurvedSurfaces, view: View) -> tuple[CurvedFeet, int]:
     mean, kept = mean[kept], ahead[kept]
     length = np.linalg.norm(mean, axis=1)
     normal = mean / length[:, None]
-    # The height of the arc over the chord: exact on spheres and cylinders, whose |n| is the chord's distance over r.
     height = np.einsum("ni,nij,nij->n", weight, corners - point[:, None], at_corners) / (1.0 + length)
     foot = point + height[:, None] * normal
     nearer = np.linalg.norm(foot, axis=1) < np.linalg.norm(point, axis=1)

@@ -1,23 +1,19 @@
 """Curved surfaces behind tessellations: normals and curvature at the facets' corners, found once a scene.
 
-The vertices of a tessellation lie on the surface. Its normals there are first those of Max (Weights for computing
-vertex normals from facet normals, J. Graphics Tools 4(2), 1999): with a, b the edges of a triangle from the vertex,
+The vertices of a tessellation lie on the surface. Its normals there are first those of Max (J. Graphics Tools 4(2),
+1999): with a, b the edges of a triangle from the vertex,
 
-    n ~ sum over the triangles of  a x b / (|a|^2 |b|^2),
+    n ~ sum over the triangles of  a x b / (|a|^2 |b|^2).
 
-exact where vertex and neighbours lie on a sphere, and on a prism that stands for a cylinder. Where the surface ends,
-triangles stand on one side of the vertex only, and the normal is half a fold off; where rings are unequal, less. Along
-a chord from vertex i to j the mean of the normals is at a right angle to it, to the third order of its length,
+Where the surface ends, triangles stand on one side of the vertex only, and the normal is half a fold off. Along a chord
+from vertex i to j, to the third order of its length,
 
-    (n_i + n_j) . (p_j - p_i) = 0,
+    (n_i + n_j) . (p_j - p_i) = 0.
 
-exact on spheres and cylinders. The normals are fitted to that, those at the ends first. Over a triangle the normal
-changes linearly, n = sum b_i n_i. Its gradient, made symmetric, is the triangle's curvature tensor (Rusinkiewicz,
-Estimating curvatures and their derivatives on triangle meshes, 3DPVT 2004), again exact on spheres and cylinders. A
-corner has the mean of its triangles' tensors by area, each turned into the corner's tangent plane.
-
-The tensor is that of the derivative of the normal: positive where the surface is convex on the normal's side, 1 / r on
-a sphere of radius r whose normal points outwards.
+The normals are fitted to that, those at the ends first. Over a triangle the normal changes linearly, n = sum b_i n_i.
+Its gradient, made symmetric, is the triangle's curvature tensor (Rusinkiewicz, 3DPVT 2004). A corner has the mean of
+its triangles' tensors by area, each turned into the corner's tangent plane. On spheres and cylinders all of this is
+exact. The tensor is positive where the surface is convex on the normal's side, 1 / r on a sphere of radius r.
 """
 
 from __future__ import annotations

@@ -5,24 +5,22 @@ One way from a source to an observer the field relative to a source of 1 at 1 m 
     G = D / sqrt(s s' (s + s')) * share,
 
 with the distances s' before and s after the point of diffraction, where both legs make the same angle with the edge
-(Keller). That point divides the edge in the ratio of the perpendicular distances of source and observer. ``share`` is
-the field of an edge of finite length over that of an endless one, by stationary phase: the path's length grows along
-the edge by sin^2(beta) (1/s + 1/s') x^2 / 2, so that
+(Keller): it divides the edge in the ratio of the perpendicular distances of source and observer. ``share`` is the field
+of an edge of finite length over that of an endless one, by stationary phase, between the ends of the edge,
 
-    share = 1 / (1 - j) int exp(-j pi v^2 / 2) dv,   v = x sin(beta) sqrt(2 (1/s + 1/s') / lambda),
+    share = 1 / (1 - j) int exp(-j pi v^2 / 2) dv,   v = x sin(beta) sqrt(2 (1/s + 1/s') / lambda):
 
-between the ends of the edge: 1 far within, 1/2 at an end. Beyond the end the point of diffraction is the end itself.
+1 far within, 1/2 at an end. Beyond the end the point of diffraction is the end itself.
 
 Back to the radar, s = s' = h, the foot of the perpendicular: lambda / (4 pi) D / sqrt(2 h^3). The exact delay of an
 endless edge with direction e, for a TX and an RX at distances rho_i, rho_j from it and at z_i, z_j along it, is
 
     c tau = sqrt((rho_i + rho_j)^2 + (z_i - z_j)^2).
 
-The table's law of scattered paths with p = q = foot is exact for elements side by side across the edge (z_i = z_j),
-e.g. a vertical edge before a level array, and off by (z_i + z_j)^2 / (4 h) otherwise. The law of specular paths with
-image 2 p and H = 2 e e^T - I is exact for elements along the edge, and off by (w_i - w_j)^2 / (4 h) with w across edge
-and sight. For each edge the law with the smaller error for an array along y is used. The largest error, at 45 deg, is
-0.1 wavelength at 20 m for elements 0.25 m from the centre.
+The law of scattered paths with p = q = foot is exact for elements side by side across the edge (z_i = z_j), and off by
+(z_i + z_j)^2 / (4 h) otherwise. That of specular paths with image 2 p and H = 2 e e^T - I is exact for elements along
+the edge, and off by (w_i - w_j)^2 / (4 h) with w across edge and sight. For each edge the law with the smaller error
+for an array along y is used: at most, at 45 deg, 0.1 wavelength at 20 m for elements 0.25 m from the centre.
 
 The polarisation is split into the edge's own directions (soft: electric field along the edge). Faces reflect as slabs
 of their materials; at a rim the sheet also transmits. Amplitudes are conjugates, as in the path table.
@@ -39,10 +37,9 @@ from datafactory.paths.candidates import EDGE, Candidates
 from datafactory.paths.columns import Columns
 from datafactory.paths.edges import WedgeEdges
 from datafactory.paths.facets import TAPER
-from datafactory.paths.panes import polarization_axis
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import DIFFRACTED, ScatteredPaths, SpecularPaths
-from datafactory.paths.view import View
+from datafactory.paths.view import View, polarization_axis
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Complex, Index, Mask, Real, unit
 from shared.physics.wedge import WedgeGeometry, diffraction_coefficient

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.columns import WHOLE, Columns
+from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget
 from datafactory.scenes.targets.bodies import Motion
 from shared.physics.units import db_to_power
@@ -19,7 +20,7 @@ from shared.physics.vectors import Real
 class EchoPoints(Columns):
     """K echo points of a scene's point targets.
 
-    :param position: [K, 3] world [m]; :param velocity: [K, 3] world [m/s]
+    :param position: [K, 3] [m]; :param velocity: [K, 3] [m/s], both of the world until :meth:`seen_by`
     :param rcs_m2: [K] radar cross sections towards the radar [m^2], above 0; 0 of silent points that were asked for
     :param target: [K] index of the target that each belongs to, rising
     :param silent: echo points that have no echo in this direction, e.g. a trihedral's from behind
@@ -36,6 +37,19 @@ class EchoPoints(Columns):
     def heard(self) -> EchoPoints:
         """Those with an echo."""
         return self.take(self.rcs_m2 > 0.0)
+
+    def seen_by(self, pose: Pose) -> EchoPoints:
+        """The same points in the radar frame, velocities relative to the radar."""
+        rotation = pose.rotation()
+        return replace(
+            self,
+            position=(self.position - np.asarray(pose.position)) @ rotation,
+            velocity=(self.velocity - np.asarray(pose.velocity)) @ rotation,
+        )
+
+    def amplitudes(self, wavelength_m: float) -> Real:
+        """[K] lambda sqrt(sigma) / (4 pi)^(3/2) [m^2]: of their echoes before either leg spreads it."""
+        return wavelength_m * np.sqrt(self.rcs_m2) / (4.0 * np.pi) ** 1.5
 
 
 @dataclass(frozen=True)

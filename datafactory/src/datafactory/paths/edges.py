@@ -1,14 +1,11 @@
 """The wedges of a scene: straight edges where a wave is diffracted, found once from the merged meshes.
 
-An edge is a fold between two triangles, or the rim of a sheet (a half plane, n = 2). The wedge's exterior is the side
-on which the faces make more than 180 deg. The winding of the triangles is not used, because files often have it wrong.
-An observer on the other side sees an inner corner, which does not diffract; the angles of
+An edge is a fold between two triangles of a body, or the rim of a sheet (a half plane, n = 2). The wedge's exterior is
+the side on which the faces make more than 180 deg; the winding of the triangles, which files often have wrong, is not
+used. An observer on the other side sees an inner corner, which does not diffract: the angles of
 :mod:`datafactory.paths.diffraction` leave it out. Flat folds, as of terrain, are counted and left out, and so are folds
-between facets of a curved surface, which has no edge there (:mod:`datafactory.paths.smooth`).
-
-Triangles meet within one body (:mod:`datafactory.paths.bodies`). Collinear pieces that share a vertex, the faces'
-planes and the materials are one edge. Of bodies that do not turn, the edges are found once and shifted; of the others,
-for each time.
+between facets of a curved surface, which has no edge there (:mod:`datafactory.paths.smooth`). Collinear pieces that
+share a vertex, the faces' planes and the materials are one edge.
 """
 
 from __future__ import annotations
@@ -19,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.bodies import Body, bodies_of, components, into_faces
-from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of, pairs_in_runs
-from datafactory.paths.merged_scene import MergedScene, found_once, motions_of
+from datafactory.paths.columns import DIRECTION, POINT, Placed, pairs_in_runs
+from datafactory.paths.merged_scene import MergedScene, found_once
 from datafactory.paths.smooth import smooth_facets
-from shared.physics.vectors import Index, Mask, Real, unit
+from shared.physics.vectors import Index, Mask, Real, lengths, unit
 
 FLATTEST_FOLD_DEG = 15.0
 """Smallest angle between the planes of two faces that makes an edge: a 30-sided column has none, a 16-sided one does.
@@ -60,7 +57,6 @@ class WedgeEdges(Placed):
     face_mesh: Index
     turn: Real = field(metadata=DIRECTION)
     object_index: NDArray[np.int32]
-    counts: dict[str, int] = field(metadata=WHOLE, default_factory=dict)
 
     def velocity_at(self, index: Index, point: Real) -> Real:
         """[K, 3] velocities [m/s] of the points [K, 3] of the edges ``index`` [K]."""
@@ -69,22 +65,19 @@ class WedgeEdges(Placed):
         along = np.einsum("ki,ki->k", point - self.start[index], self.direction[index])
         return self.velocity[index] + along[:, None] * self.turn[index]
 
-    def within(self, distance_m: float) -> WedgeEdges:
-        """The edges of which a part lies nearer than this to the origin [m]: in the radar frame, those in range."""
-        length = np.linalg.norm(self.end - self.start, axis=1)
-        foot = np.clip(-np.einsum("ei,ei->e", self.start, self.direction), 0.0, length)
-        nearest = self.start + foot[:, None] * self.direction
-        return self.take(np.linalg.norm(nearest, axis=1) < distance_m)
+    def nearest(self) -> Real:
+        """[E, 3] the point of each that lies nearest to the origin [m]."""
+        foot = -np.einsum("ei,ei->e", self.start, self.direction)
+        return self.start + np.clip(foot, 0.0, lengths(self.end - self.start))[:, None] * self.direction
 
 
 @found_once
 def edges_of(merged_scene: MergedScene) -> WedgeEdges:
     """All wedges of a merged scene at its time, made once for each."""
-    parts = [_edges_of_body(body) for body in bodies_of(merged_scene)]
-    found = WedgeEdges.joined(parts, counts=counts_of([part.counts for part in parts]))
+    found = WedgeEdges.of_bodies([_edges_of_body(body) for body in bodies_of(merged_scene)])
     mesh = found.face_mesh[:, 0]
-    velocity, shift = motions_of(merged_scene, mesh)
-    return replace(found, velocity=np.where(merged_scene.turned[mesh, None], found.velocity, velocity), shift=shift)
+    moved = found.moving_with(merged_scene, mesh)
+    return replace(moved, velocity=np.where(merged_scene.turned[mesh, None], found.velocity, moved.velocity))
 
 
 @found_once

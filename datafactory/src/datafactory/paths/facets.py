@@ -1,20 +1,19 @@
 """The finite size of mirrors: what a facet reflects, relative to an infinite plane.
 
-Geometric optics gives a specular path the amplitude of an infinite plane, whatever the facet's size. That is right for
-a facet much larger than the Fresnel zone, and far too much for a window reveal. Physical optics in the Fresnel
-approximation (Goodman, Introduction to Fourier Optics, section 4.2) integrates the field over the mirror's plane,
+Geometric optics gives a specular path the amplitude of an infinite plane, whatever the facet's size. Physical optics in
+the Fresnel approximation (Goodman, Introduction to Fourier Optics, section 4.2) integrates the field over the mirror's
+plane,
 
     F = -j int exp(j pi rho^2) d(xi) d(eta),   (xi, eta) = sqrt((1/d1 + 1/d2) / lambda) (x cos(theta), y),
 
 with (x, y) in the plane from the specular point, x in the plane of incidence, d1 and d2 the unfolded distances to the
-source and to the next point from which the wave spreads. The infinite plane has F = 1. In polar coordinates the radial
-integral is elementary and leaves one along the boundary:
+source and to the next point from which the wave spreads. In polar coordinates the radial integral is elementary:
 
     F = (1 / 2 pi) contour-integral (1 - exp(j pi rho(phi)^2)) d(phi).
 
-At an edge F = 1/2, at a right-angled corner 1/4; a plate far smaller than the zone gives its cross section
-4 pi A^2 / lambda^2. Edges beyond ``TAPER`` Fresnel zones are faded out, exp(-rho^2 / TAPER): their wave reaches the
-radar from another point, and is diffraction. The sign of the phase is that of the PathTable: it grows with the length.
+The infinite plane has F = 1, at an edge F = 1/2, at a right-angled corner 1/4; a plate far smaller than the zone gives
+its cross section 4 pi A^2 / lambda^2. Edges beyond ``TAPER`` Fresnel zones are faded out, exp(-rho^2 / TAPER): their
+wave reaches the radar from another point, and is diffraction. The phase grows with the length, as in the PathTable.
 
 Limits: the facet is plane and lit as a whole; successive mirrors are treated one by one; coplanar pieces count as one
 mirror of one material (where they overlap, as their mean). Pieces of a curved surface are no mirrors of their own:
@@ -28,7 +27,7 @@ from scipy.special import wofz
 
 from datafactory.paths.bodies import bodies_of
 from datafactory.paths.merged_scene import MergedScene
-from datafactory.paths.rims import COPLANAR_M, Rim, planes_of
+from datafactory.paths.planes import COPLANAR_M, Rim, planes_of
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Complex, Index, Real
 

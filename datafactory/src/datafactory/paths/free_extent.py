@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from datafactory.paths.planar_faces import TOUCH_M
+from datafactory.paths.planes import TOUCH_M
 from shared.physics.compiled import compiled
 
 CRACK_M = 1e-3
@@ -23,6 +23,10 @@ HALVINGS = 10
 """Of a piece in which the reach bends, at most."""
 INSIDE = 1e-6
 """Share of a piece by which its ends are moved inwards, off the triangles' corners."""
+DIRECTIONS = 45
+"""In which the reach of a face is sampled over a right angle: every two degrees."""
+FARTHEST_M = 50.0
+"""Triangles that begin farther from the point, or that have no part in the first quarter, are not looked at [m]."""
 
 
 @compiled(cache=False)
@@ -41,11 +45,20 @@ def flattened(triangles, members, origin, along, away):
 
 
 @compiled(cache=False)
-def strips(first, second, side_first, side_second):
-    """[S, 6] pieces of the common edge of two faces, and how far both reach from it.
+def _mirrored(flat, along, away):
+    """The triangles [n, 3, 2] with either coordinate as it is or, by -1, reversed."""
+    turned = np.empty_like(flat)
+    for t in range(len(flat)):  # by elements: slices and rows take seconds to compile
+        for c in range(3):
+            turned[t, c, 0], turned[t, c, 1] = flat[t, c, 0] * along, flat[t, c, 1] * away
+    return turned
+
+
+@compiled(cache=False)
+def strips(first, second):
+    """[S, 6] pieces of the common edge of two faces, and how far both reach from it on the side of the second axis.
 
     :param first, second: [n, 3, 2] triangles (along the edge, away from it) [m]
-    :param side_first, side_second: 1 or -1, the side of the edge on which a face is wanted
     :return: start and end along the edge, reach of the first face at both, reach of the second at both [m]; pieces
         without reach are left out
     """
@@ -61,8 +74,9 @@ def strips(first, second, side_first, side_second):
         low, high = max(low, start), min(high, stop)
     if not high > low:
         return np.zeros((0, 6))
-    one, other = _over(first, low, high), _over(second, low, high)
-    one_side, other_side = _beside(one, side_first), _beside(other, side_second)
+    one, other = overlapping(first, 0, low, high), overlapping(second, 0, low, high)
+    # No triangle without a part on that side of the edge reaches anywhere there.
+    one_side, other_side = overlapping(one, 1, 0.0, np.inf), overlapping(other, 1, 0.0, np.inf)
     if len(one_side) == 0 or len(other_side) == 0:
         return np.zeros((0, 6))
     corners = np.empty(3 * (len(one) + len(other)) + 2)
@@ -73,53 +87,40 @@ def strips(first, second, side_first, side_second):
                 if low < face[t, c, 0] < high:
                     corners[count] = face[t, c, 0]
                     count += 1
-    return _strips(one_side, other_side, np.sort(corners[:count]), side_first, side_second)
+    return _strips(one_side, other_side, np.sort(corners[:count]))
 
 
 @compiled(cache=False)
-def _over(face, low, high):
-    """The triangles that lie over a piece of the edge."""
+def overlapping(face, axis, low, high):
+    """The triangles of a face [n, 3, 2] of which a part lies between two values of a coordinate."""
     kept = np.empty(len(face), dtype=np.bool_)
     for t in range(len(face)):
-        kept[t] = max(face[t, 0, 0], face[t, 1, 0], face[t, 2, 0]) > low
-        kept[t] &= min(face[t, 0, 0], face[t, 1, 0], face[t, 2, 0]) < high
+        kept[t] = max(face[t, 0, axis], face[t, 1, axis], face[t, 2, axis]) > low
+        kept[t] &= min(face[t, 0, axis], face[t, 1, axis], face[t, 2, axis]) < high
     return face[kept]
 
 
 @compiled(cache=False)
-def _beside(face, side):
-    """The triangles of which a part lies on a side of the edge: no other reaches anywhere there."""
-    kept = np.empty(len(face), dtype=np.bool_)
-    for t in range(len(face)):
-        kept[t] = max(side * face[t, 0, 1], side * face[t, 1, 1], side * face[t, 2, 1]) > 0.0
-    return face[kept]
-
-
-@compiled(cache=False)
-def _strips(first, second, corners, side_first, side_second):
+def _strips(first, second, corners):
     found = np.zeros((64, 6))
     count = 0
     for k in range(len(corners) - 1):
-        starts, stops, depths = [corners[k]], [corners[k + 1]], [0]
-        while len(starts) > 0:
-            low, high, depth = starts.pop(), stops.pop(), depths.pop()
+        pieces = [(corners[k], corners[k + 1], 0)]
+        while len(pieces) > 0:
+            low, high, depth = pieces.pop()
             if high - low < SHORTEST_M:
                 continue
             inner = INSIDE * (high - low)
             middle = 0.5 * (low + high)
-            one_low, one_high = reach(first, low + inner, side_first), reach(first, high - inner, side_first)
-            two_low, two_high = reach(second, low + inner, side_second), reach(second, high - inner, side_second)
+            one_low, one_high = reach(first, low + inner), reach(first, high - inner)
+            two_low, two_high = reach(second, low + inner), reach(second, high - inner)
             bend = max(
-                abs(reach(first, middle, side_first) - 0.5 * (one_low + one_high)),
-                abs(reach(second, middle, side_second) - 0.5 * (two_low + two_high)),
+                abs(reach(first, middle) - 0.5 * (one_low + one_high)),
+                abs(reach(second, middle) - 0.5 * (two_low + two_high)),
             )
             if bend > STRAIGHT_M and depth < HALVINGS:
-                starts.append(middle)
-                stops.append(high)
-                depths.append(depth + 1)
-                starts.append(low)
-                stops.append(middle)
-                depths.append(depth + 1)
+                pieces.append((middle, high, depth + 1))
+                pieces.append((low, middle, depth + 1))
                 continue
             if max(min(one_low, two_low), min(one_high, two_high)) <= 0.0:
                 continue
@@ -150,8 +151,8 @@ def _goes_on(before, after):
 
 
 @compiled(cache=False)
-def reach(triangles, along, side):
-    """How far the triangles [n, 3, 2] reach from (along, 0) towards (along, side * inf) without a gap [m]."""
+def reach(triangles, along):
+    """How far the triangles [n, 3, 2] reach from (along, 0) towards (along, inf) without a gap [m]."""
     count = len(triangles)
     low, high = np.empty(count), np.empty(count)
     crossed = 0
@@ -163,7 +164,7 @@ def reach(triangles, along, side):
             if z == z_next or along < min(z, z_next) or along > max(z, z_next):
                 continue
             share = (along - z) / (z_next - z)
-            away = side * (triangles[t, c, 1] + share * (triangles[t, d, 1] - triangles[t, c, 1]))
+            away = triangles[t, c, 1] + share * (triangles[t, d, 1] - triangles[t, c, 1])
             near, far = min(near, away), max(far, away)
         if far > 0.0:
             low[crossed], high[crossed] = near, far
@@ -189,5 +190,51 @@ def reach_around(triangles, angles):
                 x, y = triangles[t, c, 0], triangles[t, c, 1]
                 turned[t, c, 0] = -sine * x + cosine * y
                 turned[t, c, 1] = cosine * x + sine * y
-        result[k] = reach(turned, 0.0, 1.0)
+        result[k] = reach(turned, 0.0)
+    return result
+
+
+@compiled()
+def all_strips(triangles, order, starts, pairs, origin, along, across):
+    """The strips [S, 6] of all four quarters of every pair, with the pair [S] and the sides [S, 2] of each."""
+    found, owner, sides = np.zeros((1024, 6)), np.zeros(1024, dtype=np.int64), np.zeros((1024, 2))
+    count = 0
+    for p in range(len(pairs)):
+        one, other = pairs[p]
+        first = flattened(triangles, order[starts[one] : starts[one + 1]], origin[p], along[p], across[p, 0])
+        second = flattened(triangles, order[starts[other] : starts[other + 1]], origin[p], along[p], across[p, 1])
+        for quarter in range(4):
+            side_first, side_second = 1.0 - 2.0 * (quarter // 2), 1.0 - 2.0 * (quarter % 2)
+            pieces = strips(_mirrored(first, 1.0, side_first), _mirrored(second, 1.0, side_second))
+            while count + len(pieces) > len(found):
+                found, owner = np.concatenate((found, np.zeros_like(found))), np.concatenate((owner, owner))
+                sides = np.concatenate((sides, sides))
+            for s in range(len(pieces)):
+                for k in range(6):  # an assignment of rows takes 4 s to compile
+                    found[count, k] = pieces[s, k]
+                owner[count], sides[count, 0], sides[count, 1] = p, side_first, side_second
+                count += 1
+    return found[:count].copy(), owner[:count].copy(), sides[:count].copy()
+
+
+@compiled()
+def quarters(triangles, order, starts, triples, apex, edges, normals):
+    """[M, 3, 4, N] reach of each face in the four quarters between its edges: both edges, the second reversed, ..."""
+    angles = (np.arange(DIRECTIONS) + 0.5) * 0.5 * np.pi / DIRECTIONS
+    result = np.zeros((len(triples), 3, 4, DIRECTIONS))
+    for m in range(len(triples)):
+        for i in range(3):
+            face, one, other = triples[m, i], edges[m, (i + 1) % 3], edges[m, (i + 2) % 3]
+            members = order[starts[face] : starts[face + 1]]
+            across, sense = np.empty(3), 0.0
+            for k in range(3):
+                after, last = (k + 1) % 3, (k + 2) % 3
+                across[k] = normals[m, i, after] * one[last] - normals[m, i, last] * one[after]
+                sense += across[k] * other[k]
+            flat = flattened(triangles, members, apex[m], one, across)
+            for quarter in range(4):
+                turned = _mirrored(flat, 1.0 - 2.0 * (quarter // 2), (1.0 - 2.0 * (quarter % 2)) * np.sign(sense))
+                reach = reach_around(overlapping(overlapping(turned, 0, 0.0, FARTHEST_M), 1, 0.0, FARTHEST_M), angles)
+                for n in range(DIRECTIONS):
+                    result[m, i, quarter, n] = reach[n]
     return result

@@ -1,17 +1,15 @@
 """What rays meet: Mitsuba's scene of a merged scene, kept in a process from frame to frame.
 
-Meshes, triangles and materials of a merged scene are the same in all frames. Its vertices are not, for they stand in
-the radar frame. They are rewritten in place, and Mitsuba builds its acceleration structure of them anew, whatever it
-was before: what rays meet does not depend on the frames that went before. That structure is what a frame pays for, a
-microsecond a triangle; everything else is made once.
+Meshes, triangles and materials of a merged scene are the same in all frames. Its vertices, which stand in the radar
+frame, are rewritten in place, and Mitsuba builds its acceleration structure of them anew: what rays meet does not
+depend on the frames that went before. That is what a frame pays for, a microsecond a triangle. A kept scene shows one
+pose at a time: what was asked of an earlier frame's has to be read before the next.
 
-Sionna's radio scene stands on the same meshes and has an acceleration structure of its own. It takes the place of
-Mitsuba's where the path solver first runs (:mod:`datafactory.paths.solver`); a scene whose frames need no solver has
-none. A kept scene shows one pose at a time: what was asked of an earlier frame's has to be read before the next.
+Sionna's radio scene stands on the same meshes and has an acceleration structure of its own, which takes the place of
+Mitsuba's where the path solver first runs (:mod:`datafactory.paths.solver`).
 
-Rays are asked what they meet first, and whether they meet anything. Whatever is asked of a cast is evaluated in one
-kernel. Dr.Jit evaluates what is read and keeps nothing else: read one after another, shape, triangle and distance would
-each follow all the rays again.
+Whatever is asked of a cast is evaluated in one kernel. Dr.Jit evaluates what is read and keeps nothing else: read one
+after another, shape, triangle and distance would each follow all the rays again.
 """
 
 from __future__ import annotations

@@ -1,12 +1,11 @@
 """A scene as the ray tracer sees it from one pose: meshes merged by material and motion, in the radar frame.
 
 The tracer works in float32. Vertices are brought to the radar's own origin and axes in float64 first, so that a scene
-far from its origin loses nothing, and merged: identity of the objects is kept by the first triangle of each in its
-mesh.
+far from its origin loses nothing. Which object a triangle is of is kept.
 
 A merged scene is that of one time: ``at`` gives another time's. Meshes that do not turn keep their vertices and are
 shifted, so that whatever was found of their shape stays valid; of the others, vertices are computed anew, each with its
-own velocity. A scene in which nothing moves is the same at all times, and nothing is computed.
+own velocity. A scene in which nothing moves is the same at all times.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.motion import Moving, Track, Vector, drift, triple
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import ZERO, PointTarget, Scene, SceneObject
-from shared.physics.vectors import Index, Mask, Real, taken
+from shared.physics.vectors import Index, Mask, Real
 
 Value = TypeVar("Value")
 
@@ -54,18 +53,6 @@ def found_once(find: Callable[[Subject], Value]) -> Callable[[Subject], Value]:
 
 
 @dataclass(frozen=True, eq=False)
-class Turned:
-    """What a merged mesh has that turns or changes its shape, at one time.
-
-    :param parts: its objects
-    :param velocities: [V, 3] of its vertices [m/s]
-    """
-
-    parts: tuple[SceneObject, ...]
-    velocities: Real
-
-
-@dataclass(frozen=True, eq=False)
 class MergedMesh:
     """Objects of one material and one motion as one mesh, at one time.
 
@@ -76,7 +63,8 @@ class MergedMesh:
     :param track: how it is shifted; None: straight on with ``velocity``
     :param body: the meshes of one rigid body have equal ones
     :param shift: [3] what is to be added to the vertices [m]: the displacement from time 0
-    :param turned: None for what does not turn
+    :param turning: its objects, of what turns or changes its shape; none of all else
+    :param vertex_velocities: [V, 3] of what turns, world [m/s]
     """
 
     slab: Material
@@ -87,7 +75,8 @@ class MergedMesh:
     track: Track | None = None
     body: Hashable = None
     shift: Real = field(default_factory=lambda: np.zeros(3))
-    turned: Turned | None = None
+    turning: tuple[SceneObject, ...] = ()
+    vertex_velocities: Real = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def material(self) -> str:
@@ -97,7 +86,7 @@ class MergedMesh:
     @property
     def moves(self) -> bool:
         """Whether it is elsewhere at another time."""
-        return self.turned is not None or self.track is not None or bool(np.any(self.velocity))
+        return bool(self.turning) or self.track is not None or bool(np.any(self.velocity))
 
     @property
     def rigid_body(self) -> Hashable:
@@ -108,16 +97,16 @@ class MergedMesh:
         """The mesh at a time, of a mesh at time 0."""
         if not self.moves:
             return self
-        if self.turned is None:
+        if not self.turning:
             shift, velocity = drift(triple(self.velocity), self.track, time_s)
             return replace(self, shift=shift, velocity=velocity)
-        instants = [part.at(time_s) for part in self.turned.parts]
+        instants = [part.at(time_s) for part in self.turning]
         velocities = np.concatenate([item.velocities for item in instants])
         return replace(
             self,
             vertices=np.concatenate([item.vertices for item in instants]),
             velocity=velocities.mean(axis=0),
-            turned=replace(self.turned, velocities=velocities),
+            vertex_velocities=velocities,
         )
 
     def seen_from(self, pose: Pose) -> NDArray[np.float32]:
@@ -163,7 +152,7 @@ class MergedScene:
     @cached_property
     def turned(self) -> Mask:
         """[M] whether a mesh has other vertices at another time, and not only another place."""
-        return np.array([mesh.turned is not None for mesh in self.meshes], dtype=bool)
+        return np.array([bool(mesh.turning) for mesh in self.meshes], dtype=bool)
 
     @property
     def turns(self) -> bool:
@@ -190,8 +179,8 @@ class MergedScene:
         """[T, 3, 3] of the corners of what turns, world [m/s]; 0 of all else."""
         velocities = np.zeros_like(self.corners)
         for mesh, first in zip(self.meshes, self.first, strict=False):
-            if mesh.turned is not None:
-                velocities[first : first + len(mesh.triangles)] = mesh.turned.velocities[mesh.triangles]
+            if mesh.turning:
+                velocities[first : first + len(mesh.triangles)] = mesh.vertex_velocities[mesh.triangles]
         return velocities
 
     @cached_property
@@ -220,6 +209,10 @@ class MergedScene:
     def velocities(self) -> Real:
         """[M, 3] of the meshes, in the world [m/s]."""
         return np.array([mesh.velocity for mesh in self.meshes]).reshape(-1, 3)
+
+    def object_of_target(self, target: NDArray[np.int32]) -> NDArray[np.int32]:
+        """[K] index into ``objects`` of the targets of these numbers [K]."""
+        return (len(self.objects) - len(self.targets) + target).astype(np.int32)
 
     def carried(self, triangle: Index, point: Real, mesh: Index) -> Carried:
         """Of points on meshes that turn: which they are, where they are at time 0, and their velocities.
@@ -275,11 +268,6 @@ def barycentric(corners: Real, point: Real) -> Real:
     return weights
 
 
-def motions_of(merged_scene: MergedScene, mesh: Index) -> tuple[Real, Real]:
-    """Velocities [n, 3] [m/s] and shifts [n, 3] [m] of the meshes [n] of a merged scene."""
-    return merged_scene.velocities[mesh], merged_scene.shifts[mesh]
-
-
 def merge_scene(scene: Scene, materials: MaterialMapping) -> MergedScene:
     """Merge a scene's objects; the order depends on names, velocities and the objects' own order alone."""
     groups: dict[tuple[str, Vector, Hashable], list[int]] = defaultdict(list)
@@ -300,7 +288,8 @@ def merge_scene(scene: Scene, materials: MaterialMapping) -> MergedScene:
             object_of_triangle=np.repeat(members, [len(part.triangles) for part in parts]).astype(np.int32),
             track=track,
             body=body,
-            turned=Turned(tuple(parts), np.zeros_like(every)) if body is not None and track is None else None,
+            turning=tuple(parts) if body is not None and track is None else (),
+            vertex_velocities=np.zeros_like(every),
         )
         meshes.append(mesh)
     names = tuple(item.name for item in scene.objects) + tuple(target.name for target in scene.targets)
@@ -313,16 +302,3 @@ def _motion_of(item: SceneObject) -> tuple[Vector, Hashable]:
     if isinstance(item.motion, Moving):
         return ZERO, ("turns", item.motion.body)
     return item.velocity, item.motion
-
-
-def velocities_on(merged_scene: MergedScene, pose: Pose, triangle: Index, point: Real) -> Real:
-    """[n, 3] velocities relative to the radar, in its frame, of points on triangles [m/s].
-
-    :param triangle: [n] all meshes' triangles one after another; :param point: [n, 3] in the radar frame [m]
-    """
-    mesh, rotation, own = merged_scene.mesh_of_triangle[triangle], pose.rotation(), np.asarray(pose.velocity)
-    velocity = taken((merged_scene.velocities - own) @ rotation, mesh)
-    if merged_scene.turns:
-        carried = merged_scene.carried(triangle, point @ rotation.T + np.asarray(pose.position), mesh)
-        velocity[carried.index] = (carried.velocity - own) @ rotation
-    return velocity

@@ -1,24 +1,18 @@
 """Targets over mirrors: the echoes that a road, a wall or any other smooth face adds to a target's own.
 
-A mirror gives a second way between radar and target (:mod:`datafactory.paths.mirrors`). With the direct one there
-are four paths: direct, out over the mirror and directly back, its reverse, and over the mirror both ways. With g the
-field of one way over that of free space and R its length,
+docs/notes/targets.md has the model and its limits. Direct, over a mirror (:mod:`datafactory.paths.mirrors`) out or
+back, and over it both ways make four paths. With g the field of one way over that of free space and R its length,
 
-    A = lambda sqrt(sigma) / (4 pi)^(3/2)  g_out / R_out  g_back / R_back.
+    A = lambda sqrt(sigma) / (4 pi)^(3/2)  g_out / R_out  g_back / R_back;
 
-Where all four see one sigma and the lengths differ little, their sum is the echo in free space times the propagation
-factor F^4 in power, F = |1 + Gamma exp(-j k (R_mirror - R_direct))|: the lobing of a target above ground (Barton, Radar
-System Analysis and Modeling, 2005, section 8.3; Skolnik, Introduction to Radar Systems, 3rd ed., section 8.2). With
-Gamma near -1 the path that is reflected twice is as strong as the direct one, and without it there are no nulls. So all
-four are there or none: they need second bounces, mirrors and targets together. Several mirrors of one point give every
-way out with every way back. The delays are exact for every TX and RX, and for any constant velocities of radar, target
-and mirror: each end sees the target's image in its mirror (:mod:`datafactory.paths.table`).
+their sum is the echo in free space times the propagation factor F^4 (Barton, Radar System Analysis and Modeling, 2005,
+section 8.3). All four are there or none: they need second bounces, mirrors and targets together. Several mirrors of one
+point give every way out with every way back. Each end sees the target's image in its mirror, so that delays are exact.
 
 The target answers with the components along theta^ and phi^ of the wave that arrives, as rough surfaces do. Its cross
 section is the monostatic one towards the bisector of the two directions in which it sees the radar, or the radar's
-image (Kell, On the derivation of bistatic RCS from monostatic measurements, Proc. IEEE 53, 1965). That is meant for
-small angles; pairs of ways more than 90 deg apart are left out and counted. Left out without a count: what a tilted
-mirror turns into the other polarisation, where the radar receives across its own.
+image (Kell, Proc. IEEE 53, 1965): pairs of ways more than 90 deg apart are left out and counted. Left out without a
+count: what a tilted mirror turns into the other polarisation, where the radar receives across its own.
 """
 
 from __future__ import annotations
@@ -50,7 +44,8 @@ DIRECT = -1
 class DirectWays:
     """The echo points of all targets as the radar sees them directly.
 
-    :param points: K echo points, silent ones among them; :param circumstances: under which they are seen
+    :param points: K echo points in the radar frame, silent ones among them
+    :param circumstances: under which they are seen
     :param sent, received: [K] fields for the polarisations of TX and RX over those of free space; 0 where hidden
     :param kinds: [K] kinds of interaction of a direct echo
     """
@@ -69,9 +64,8 @@ def echoes_over_mirrors(view: View, direct: DirectWays, wanted: Mask) -> tuple[S
     :return: the paths, their candidates numbers of the echo points; the numbers of ways over mirrors, of weaker ways
         left out, and of pairs of ways too far apart
     """
-    position = (direct.points.position - np.asarray(view.pose.position)) @ view.rotation
     chosen = np.flatnonzero(wanted)
-    every = ways_over_mirrors(view, position[chosen])
+    every = ways_over_mirrors(view, direct.points.position[chosen])
     every = replace(every, point=chosen[every.point])
     mirrors = _strongest(every)
     ways = Ways.joined([_direct(direct, mirrors, view), mirrors])
@@ -89,7 +83,7 @@ def echoes_over_mirrors(view: View, direct: DirectWays, wanted: Mask) -> tuple[S
     tx, rx = (AXES.index(which) for which in view.settings.polarization)
     field = np.einsum("ki,ki->k", out.sent, back.received) if tx == rx else out.sent[:, tx] * back.received[:, rx]
     there, here = out.image(seen.position), back.image(seen.position)
-    level = view.wavelength_m * np.sqrt(seen.rcs_m2) / (4.0 * np.pi) ** 1.5 / (lengths(there) * lengths(here))
+    level = seen.amplitudes(view.wavelength_m) / (lengths(there) * lengths(here))
     straight = (out.triangle == DIRECT) | (back.triangle == DIRECT)
     paths = ScatteredPaths(
         tx_point=there,
@@ -100,7 +94,7 @@ def echoes_over_mirrors(view: View, direct: DirectWays, wanted: Mask) -> tuple[S
         between_rate_mps=np.zeros(len(field)),
         amplitude=level * field,
         depth=np.where(straight, 2, 3).astype(np.int8),
-        object_index=(len(view.merged.objects) - len(view.merged.targets) + seen.target).astype(np.int32),
+        object_index=view.merged.object_of_target(seen.target),
         kinds=(SPECULAR | np.where(straight, direct.kinds[out.point], TARGET)).astype(np.uint8),
         candidate=out.point.astype(np.int32),
     )
@@ -135,8 +129,8 @@ def _seen_along(view: View, direct: DirectWays, ways: Ways, out: Index, back: In
     place = number - np.searchsorted(direct.points.target, target)  # which of the target's points
     key = np.stack([target, *np.sort([ways.triangle[out], ways.triangle[back]], axis=0)], axis=1)
     keys, which = np.unique(key, axis=0, return_inverse=True)
-    here, rotation = np.asarray(view.pose.position, dtype=np.float64), view.rotation
-    radars = dict(zip(ways.triangle.tolist(), here + ways.image(np.zeros(3)) @ rotation.T, strict=True))
+    images = np.asarray(view.pose.position, dtype=np.float64) + ways.image(np.zeros(3)) @ view.rotation.T
+    radars = dict(zip(ways.triangle.tolist(), images, strict=True))
     parts, begins, count = [direct.points.take(np.zeros(0, dtype=np.int64))], np.full(len(keys), -1), 0
     for index, (item, one, other) in enumerate(keys.tolist()):
         origin = np.array(view.merged.targets[item].position)
@@ -150,9 +144,4 @@ def _seen_along(view: View, direct: DirectWays, ways: Ways, out: Index, back: In
         parts.append(seen_from(view.merged.targets[item], item, radar, direct.circumstances))
         begins[index], count = count, count + len(parts[-1])
     begin = begins[which.reshape(-1)]
-    seen = EchoPoints.joined(parts).take((begin + place)[begin >= 0])
-    return replace(
-        seen,
-        position=(seen.position - here) @ rotation,
-        velocity=(seen.velocity - np.asarray(view.pose.velocity)) @ rotation,
-    ), begin >= 0
+    return EchoPoints.joined(parts).take((begin + place)[begin >= 0]).seen_by(view.pose), begin >= 0

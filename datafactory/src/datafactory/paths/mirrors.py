@@ -1,33 +1,26 @@
 """Flat mirrors: all of them, whatever the number of rays; the radar's own echo of each, and ways over one to points.
 
 **Single mirrors.** A facet gives a single specular echo where it contains the foot of the perpendicular from the radar.
-The solver finds that echo only if a ray hits the facet, so that a small facet appears in some realisations and not in
-others. The amplitude at the distance R is
+The solver finds that echo only if a ray hits the facet. The amplitude at the distance R is
 
     A = conj(Gamma) sqrt(1 - S^2) lambda / (4 pi 2 R) F,
 
 with Gamma the slab's reflection coefficient at normal incidence (ITU-R P.2040-3, eq. (37)), S the scattering
 coefficient, and F the factor of the facet's size (:mod:`datafactory.paths.facets`). The echo has no cross-polarised
-part. The foot is the point of reflection to the radar's own place. Mirrors in the front half space count, into which
-rays are sent.
+part. Mirrors in the front half space count, into which rays are sent.
 
-**Ways to points.** A face reflects a wave from the radar to a point p where the line from the radar to the image of p
-in the face's plane meets the face. The way back is that out, by reciprocity. The field at p over that of free space at
-the same length is
+**Ways to points** (docs/notes/targets.md). A face reflects a wave from the radar to a point p where the line from the
+radar to the image of p in the face's plane meets the face. The way back is that out, by reciprocity. The field at p
+over that of free space at the same length is
 
     g = conj(R e) sqrt(1 - S^2) F,
 
-with R e what the slab reflects of the radar's unit field (TE and TM of ITU-R P.2040,
-:func:`datafactory.paths.slabs.reflected_fields`).
+with R e what the slab reflects of the radar's unit field (:func:`datafactory.paths.slabs.fields_beyond`).
 
-The loss of a rough surface is sqrt(1 - S^2), here as in every other path of the table; it does not depend on the angle.
-Heights with a normal distribution of rms h leave exp(-2 (k h sin psi)^2) at the grazing angle psi (Ament, Toward a
-theory of reflection by a rough surface, Proc. IRE 41, 1953). Of asphalt with h = 0.65 mm that is 0.0, -0.1, -0.6 and
--2.3 dB at 1, 5, 10 and 20 deg, where S has -0.4 dB. So the loss is right to 0.4 dB up to 10 deg of grazing, where road
-users beyond 8 m stand for a radar at 0.5 m, and too small above.
-
-Left out: ways over two mirrors, over curved ones and through panes; the light that the rough face scatters on to the
-point. Triangles that sample a curved surface have no feet here; the surface has (:mod:`.curved_echoes`).
+Limits: the loss of a rough surface, sqrt(1 - S^2), does not depend on the angle; of asphalt it is right to 0.4 dB up to
+10 deg of grazing (Ament 1953), and too small above. Left out: ways over two mirrors, over curved ones and through
+panes; the light that the rough face scatters on to the point. Triangles that sample a curved surface have no feet here;
+the surface has (:mod:`.curved_echoes`).
 """
 
 from __future__ import annotations
@@ -41,10 +34,9 @@ from datafactory.paths.columns import Columns, apart
 from datafactory.paths.facets import COPLANAR_M
 from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.merged_scene import MergedScene
-from datafactory.paths.panes import AXES, FAINTEST, NEAREST_M, Polarization, panes_between, polarization_axis
-from datafactory.paths.slabs import LEAST_COSINE, reflected_fields
+from datafactory.paths.slabs import LEAST_COSINE, fields_beyond
 from datafactory.paths.table import REFRACTED, SPECULAR, SpecularPaths
-from datafactory.paths.view import View
+from datafactory.paths.view import AXES, FAINTEST, NEAREST_M, Polarization, View, panes_between, polarization_axis
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Complex, Index, Mask, Real
 
@@ -236,7 +228,7 @@ def _clear(view: View, foot: Real, triangle: Index, position: Real) -> Mask:
 def _field_at_point(towards: Real, normal: Real, te: Complex, tm: Complex, polarization: Polarization) -> Complex:
     """[W, 2] components along theta^ and phi^ of what mirrors make of the radar's unit field."""
     field = polarization_axis(towards, polarization).astype(np.complex128)
-    onward, reflected = reflected_fields(towards, normal, field, te, tm)
+    onward, reflected = fields_beyond(towards, normal, field, te, tm, True)
     return np.stack([np.einsum("wi,wi->w", reflected, polarization_axis(onward, axis)) for axis in AXES], axis=1)
 
 

@@ -1,20 +1,17 @@
-"""What a radar would not notice: the limit of a frame, and the candidates that stay below it.
+"""What a radar would not notice: the limit of a frame, and the candidates that stay below it (docs/notes/planning.md).
 
 What is left out of a resolution cell of the truth has, all of it together, at most the power
 
     P_limit = min(b P_peak, N):
 
-b is the error budget, P_peak the power in the frame's own strongest cell of first hits and single mirrors, which are
-traced first, as far as the truth's image shows it, and N the receiver's noise in a range-Doppler cell of a channel, the
-dataset's ``noise_power``. Without noise the budget counts alone. Powers are summed without phase, which is the
-expectation over random phases (:mod:`.density`).
+b is the error budget, P_peak the power in the frame's own strongest cell of first hits and single mirrors, as far as
+the truth's image shows it, and N the receiver's noise in a range-Doppler cell of a channel, the dataset's
+``noise_power``. Without noise the budget counts alone. Powers are summed without phase (:mod:`.cells`). In every cell
+candidates are left out from the weakest on, as long as the sum of their bounds stays below the limit. A group
+(:data:`.candidates.GROUPS`) goes only where every part of it may.
 
-In every cell candidates are left out from the weakest on, as long as the sum of their bounds stays below the limit:
-edges, corners, targets and the estimates of second bounces alike. So a thousand edges, each just below, are not left
-out. A group (:data:`.candidates.GROUPS`) goes only where every part of it may.
-
-The decision is a function of the frame's paths and candidates, the radar and the budget. It is the same before anything
-is tested for visibility and afterwards, from stored paths.
+The decision is a function of the frame's paths and candidates, the radar and the budget: the same before anything is
+tested for visibility and afterwards, from stored paths.
 """
 
 from __future__ import annotations
@@ -24,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from datafactory.paths.candidates import GROUPS, Candidates
-from datafactory.paths.density import cell_numbers, cell_power
+from datafactory.paths.cells import cell_numbers, cell_power
 from datafactory.paths.table import DIFFUSE, SPECULAR, PathTable, ScatteredPaths, SpecularPaths, amplitude_gain
 from shared.physics.units import db_to_power
 from shared.physics.vectors import Mask, Real

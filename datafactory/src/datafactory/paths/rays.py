@@ -1,17 +1,16 @@
 """Directions of the rays: over the radar's field of view, as dense as its resolution cells.
 
-A full-sphere lattice sends most of its rays to the sky, to the road under the bumper and behind the radar. This lattice
-covers the front half space. Four fifths of its rays are uniform in u = sin(azimuth), as the image's cells are. The rest
-are uniform in azimuth, which bounds the solid angle that one ray represents. The sine of elevation z has the density of
-a Cauchy distribution cut at the poles, about as wide as a car radar's beam:
+The lattice covers the front half space. Four fifths of its rays are uniform in u = sin(azimuth), as the image's cells
+are. The rest are uniform in azimuth, which bounds the solid angle that one ray represents. The sine of elevation z has
+the density of a Cauchy distribution cut at the poles, about as wide as a car radar's beam:
 
     p(azimuth) = 0.8 cos(azimuth) / 2 + 0.2 / pi,        p(z) = z_0 / (2 atan(1 / z_0) (z_0^2 + z^2)),   -1 <= z <= 1.
 
 A scene may ask for more rays at some elevations and fewer at others (:mod:`datafactory.paths.aim`): p(z) is then times
 a factor for each of B strips of z that hold the same share of the beam, of mean 1.
 
-Each direction then represents a solid angle of 1 / (N p(azimuth) p(z)) instead of the full lattice's 4 pi / N. Diffuse
-amplitudes are scaled by the square root of that ratio, so that their expected power is unchanged.
+Each direction represents a solid angle of 1 / (N p(azimuth) p(z)). Diffuse amplitudes are scaled by the square root of
+its ratio to the full sphere's 4 pi / N, so that their expected power is that of a lattice over the sphere.
 
 The points come from the Kronecker sequence of the golden ratio, of which the Fibonacci lattice is made. A random offset
 per frame rotates them (Cranley-Patterson), so that neighbouring frames have different artefacts.
@@ -32,7 +31,7 @@ from shared.physics.vectors import Real, lengths
 BEAM = 0.07
 """z_0. Among 0.0125 to 0.2, 0.05 reaches the most ground cells within 30 m with five rays (docs/notes/speckle.md). It
 errs by 0.13 dB on a plane right below an isotropic antenna with 20 000 rays; this one by 0.09 dB, and by 0.003 dB with
-the rays of the default. What there is too much near the sensor costs no path (:mod:`datafactory.paths.thinning`).
+the rays of the default. What there is too much near the sensor costs no path (:mod:`datafactory.paths.cells`).
 """
 UNIFORM_IN_U = 0.8
 GOLDEN_RATIO = (1.0 + np.sqrt(5.0)) / 2.0

@@ -15,20 +15,19 @@ from datafactory.paths.scattering import surface_phase
 from datafactory.paths.solver import Bundle
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, ScatteredPaths, SpecularPaths
 from datafactory.paths.view import View
-from shared.physics.vectors import Index, Real, lengths, unit
+from shared.physics.vectors import Complex, Index, Real, lengths, unit
 
 
-def with_surfaces(part: Bundle, view: View) -> Bundle:
-    """The paths with what their surfaces do to the amplitude: share of a finite mirror, phase of a rough cell."""
+def _of_surfaces(part: Bundle, view: View) -> Complex:
+    """[n] what their surfaces do to the amplitudes: share of a finite mirror, phase of a rough cell."""
     merged, settings = view.merged, view.settings
-    triangle = np.maximum(part.triangles, 0)  # -1 stands beyond a path's end, where nothing is looked at
-    mesh = merged.mesh_of_triangle[triangle] if len(merged.mesh_of_triangle) else triangle
+    mesh = merged.mesh_of_triangle[part.triangles]
     world = part.vertices.reshape(-1, 3) @ view.rotation.T + np.asarray(view.pose.position)
     world = world.reshape(part.vertices.shape)
     unshifted = world - merged.shifts.take(mesh, axis=0) if merged.shifts.any() else world
     at_rest = unshifted
     if merged.turns:
-        carried = merged.carried(triangle.reshape(-1), world.reshape(-1, 3), mesh.reshape(-1))
+        carried = merged.carried(part.triangles.reshape(-1), world.reshape(-1, 3), mesh.reshape(-1))
         at_rest = unshifted.copy()
         at_rest.reshape(-1, 3)[carried.index] = carried.at_rest
     factor = np.ones(len(part.amplitude), dtype=np.complex128)
@@ -36,7 +35,8 @@ def with_surfaces(part: Bundle, view: View) -> Bundle:
         rough = part.interactions[:, step] == DIFFUSE
         if settings.surface_phase:
             here = np.flatnonzero(rough)
-            phase = surface_phase(at_rest[:, step].take(here, axis=0), part.objects[here, step])
+            owner = merged.owner[part.triangles[here, step]]
+            phase = surface_phase(at_rest[:, step].take(here, axis=0), owner)
             factor[here] *= np.exp(1j * phase)
         smooth = np.flatnonzero(~rough)
         if settings.finite_mirrors and len(smooth):
@@ -50,7 +50,7 @@ def with_surfaces(part: Bundle, view: View) -> Bundle:
             factor[smooth] *= view.reflected_share(
                 part.triangles[smooth, step], vertices[:, step], towards, before, after
             )
-    return Bundle(**{**vars(part), "amplitude": part.amplitude * factor})
+    return factor
 
 
 def _unfolded_before(lengths: Real, interactions: Index, step: int) -> Real:
@@ -68,51 +68,52 @@ def _kinds(part: Bundle) -> NDArray[np.uint8]:
     return (kinds | np.where(part.crossings > 0, REFRACTED, 0)).astype(np.uint8)
 
 
-def scattered_rows(part: Bundle, fan: RayFan) -> list[ScatteredPaths]:
+def _velocities(part: Bundle, view: View) -> Real:
+    """[n, depth, 3] of the surfaces at the vertices, relative to the radar [m/s]."""
+    return view.velocity(part.triangles.reshape(-1), part.vertices.reshape(-1, 3)).reshape(part.vertices.shape)
+
+
+def scattered_rows(part: Bundle, view: View, fan: RayFan) -> list[ScatteredPaths]:
     """Paths whose last bounce is diffuse, and the reverses of those that begin with mirrors."""
-    if not len(part.amplitude):
-        return []
     count, depth = part.interactions.shape
-    if depth == 1:
-        return [_scattered_at_first(part, fan)]
+    if not count:
+        return []
+    of_surfaces = _of_surfaces(part, view)
+    amplitude = part.amplitude * of_surfaces * np.sqrt(fan.solid_angle_ratio(part.vertices[:, 0]))
+    velocities, owner, kinds = _velocities(part, view), view.merged.owner[part.triangles[:, -1]], _kinds(part)
+    if depth == 1:  # what is below would make the same of them
+        return [ScatteredPaths.of_points(part.vertices[:, 0], velocities[:, 0], amplitude, owner, kinds)]
     rows = np.arange(count)
     mirrors = np.argmax(part.interactions == DIFFUSE, axis=1)
-    tx_point, tx_velocity = image_seen_from_tx(part.vertices, part.velocities, mirrors)
+    tx_point, tx_velocity = image_seen_from_tx(part.vertices, velocities, mirrors)
     first = part.vertices[rows, mirrors]
     # Between the first diffuse bounce and the last there may be others, or mirrors: their length is one number.
     lengths = segment_lengths(part.vertices)
     inner = np.arange(depth + 1)[None, :]
     between = np.where((inner > mirrors[:, None]) & (inner < depth), lengths, 0.0).sum(axis=1)
     direction = unit(part.vertices[:, -1] - first)
-    rate = np.einsum("ni,ni->n", direction, part.velocities[:, -1] - part.velocities[rows, mirrors])
+    rate = np.einsum("ni,ni->n", direction, velocities[:, -1] - velocities[rows, mirrors])
     paths = ScatteredPaths(
         tx_point=tx_point,
         rx_point=part.vertices[:, -1],
         tx_velocity=tx_velocity,
-        rx_velocity=part.velocities[:, -1],
+        rx_velocity=velocities[:, -1],
         between_m=between,
         between_rate_mps=rate,
-        amplitude=part.amplitude * np.sqrt(fan.solid_angle_ratio(part.vertices[:, 0])),
+        amplitude=amplitude,
         depth=np.full(count, depth, dtype=np.int8),
-        object_index=part.objects[:, -1].astype(np.int32),
-        kinds=_kinds(part),
+        object_index=owner,
+        kinds=kinds,
     )
     return [paths, paths.take(mirrors > 0).reversed()]
 
 
-def _scattered_at_first(part: Bundle, fan: RayFan) -> ScatteredPaths:
-    """Paths of one bounce, which is diffuse: what :func:`scattered_rows` would make of them too."""
-    amplitude = part.amplitude * np.sqrt(fan.solid_angle_ratio(part.vertices[:, 0]))
-    return ScatteredPaths.of_points(
-        part.vertices[:, 0], part.velocities[:, 0], amplitude, part.objects[:, 0].astype(np.int32), _kinds(part)
-    )
-
-
-def specular_rows(part: Bundle) -> SpecularPaths:
-    depth = part.interactions.shape[1]
-    image, velocity, axes = tx_image_seen_from_rx(part.vertices, part.velocities)
+def specular_rows(part: Bundle, view: View) -> SpecularPaths:
+    """Paths of mirrors alone."""
+    image, velocity, axes = tx_image_seen_from_rx(part.vertices, _velocities(part, view))
+    of_surfaces, owner = _of_surfaces(part, view), view.merged.owner[part.triangles[:, -1]]
     return SpecularPaths.of(
-        image, velocity, axes, part.amplitude, part.objects[:, -1].astype(np.int32), _kinds(part), depth
+        image, velocity, axes, part.amplitude * of_surfaces, owner, _kinds(part), part.interactions.shape[1]
     )
 
 

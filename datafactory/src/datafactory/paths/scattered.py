@@ -1,50 +1,41 @@
-"""Echoes of rough surfaces: every ray scatters wherever it arrives.
+"""Echoes of rough surfaces: every ray scatters wherever it arrives; what a thin share of the rays tells of the others.
 
-**Once, by the surface that a wave reaches last.** The solver follows one kind of bounce a ray and surface. It lets a
-ray scatter with a probability near S^2, so that one in eleven rays on concrete (S = 0.3) becomes an echo, with eleven
-times the power. Here every ray scatters at the surface that the sensor sees, and at the surfaces that it reaches
+**Once, by the surface that a wave reaches last** (docs/notes/speckle.md). The solver lets a ray scatter with a
+probability near S^2. Here every ray scatters at the surface that the sensor sees, and at the surfaces that it reaches
 through mirrors; the expectation of the power is the same. :mod:`datafactory.paths.arrivals` has the amplitudes. Of the
 surfaces in sight they are lambda^2 / (4 pi)^3 times the integral of sigma^0 / R^4 over the surface, sigma^0 = 4 pi S^2
-|Gamma|^2 f cos(theta) (:func:`datafactory.scenes.materials.reflectivity.lambertian_sigma0`).
+|Gamma|^2 f cos(theta) (:func:`datafactory.scenes.materials.reflectivity.lambertian_sigma0`). A mirror before has the
+factor sqrt(1 - S^2) R. The first surface may be seen through one pane, with its transmission out and back.
 
-A mirror before has the factor sqrt(1 - S^2) R. The first surface may be seen through one pane, out and back, with the
-pane's transmission both ways.
+**Twice, or more often.** At a surface a wave's ray goes on in one direction k', drawn with the density q over the half
+space in front. It carries f / q of what is scattered, so that the expectation of its power is the surface's
+S^2 |Gamma|^2 f, whatever q is:
 
-What is dear is a path and not a ray, so that crowded resolution cells keep some of their paths, with the power of all
-(:mod:`datafactory.paths.thinning`).
+    e' = S |Gamma| sqrt(f / q) (e_theta theta^' + e_phi phi^').
 
-**Twice, or more often.** What one rough surface scatters another one sees. At a surface a wave's ray goes on in one
-direction k', drawn with the density q over the half space in front. It carries f / q of what is scattered, so that the
-expectation of its power is the surface's S^2 |Gamma|^2 f, whatever q is:
+A Lambertian surface has q = cos(theta) / pi = f. A pattern with lobes has q = 1 / (2 pi); with q of the cosine a lobe
+along the surface would have weights without a bound. From three bounces on the ray may as well go on as from a mirror.
+Both orders of a pair of surfaces are drawn, each with its half of the power; that they add in phase (coherent
+backscattering, up to 3 dB) is left out, as in Sionna. Left out too: panes on the way; what ends with a mirror, for
+which its reverse stands. The random numbers of a ray are its own, so that its echoes are too.
 
-    e' = S |Gamma| sqrt(f / q) (e_theta theta^' + e_phi phi^'),
+**Second bounces** are followed with all of a frame's rays only where they matter (docs/notes/planning.md). Waves
+scattered twice are found from one ray in many as it is: they are their own estimate. Waves mirrored and then scattered
+are looked for along every k-th ray first. Each echo of that share stands for what k rays would bring. Of n echoes alike
+in a resolution cell the sum has the standard error 1 / sqrt(n) of itself, so that three times the power of a single one
+is the estimate and two standard errors above. Where the group is followed, the other rays are added.
 
-with the components along theta^ and phi^ kept, as wherever a surface scatters (:mod:`datafactory.paths.arrivals`). A
-Lambertian surface has q = cos(theta) / pi = f, and f / q is 1. A pattern with lobes has q = 1 / (2 pi); with q of the
-cosine a lobe along the surface would have weights without a bound. Where the ray arrives, it is scattered to the RX as
-any other is. From three bounces on it may as well go on as from a mirror, before or after it is scattered.
-
-Both orders of a pair of surfaces are drawn, each with its half of the power. The echo of the one is the reverse of the
-other's, of the same length; that they add in phase (coherent backscattering, up to 3 dB) is left out, as in Sionna.
-Left out too: panes on the way; what ends with a mirror, for which its reverse stands.
-
-Their power agrees with that of Sionna's own to 0.2 dB, which is as well as the solver's rays say it, in each of three
-scenes (``tests/datafactory/paths/test_scattered_once.py``).
-
-One of many of the frame's rays is followed (:attr:`TraceSettings.twice_share`), as these echoes are weak. The random
-numbers of a ray are its own. Whichever rays are asked for, a ray's echoes are the same.
-
-**Second bounces** are estimated first, and followed with all of a frame's rays only where they matter. Waves scattered
-twice (:func:`scattered_twice`) are found from one ray in many as it is: they are their own estimate. Waves mirrored and
-then scattered (:func:`over_mirrors`) are looked for along a thin share of the rays first: every k-th ray, so that some
-``THIN_RAYS`` of those that met a surface are among them, and at least one ray in ``THINNEST``. Each echo of the share
-stands for what k rays would bring. Of n echoes alike in a resolution cell the sum has the standard error 1 / sqrt(n) of
-itself, of a single one its own size, so that three times the echo's power is the estimate and two standard errors
-above. What is found here is not looked for again: where the group is followed, the other rays are added. The same share
-tells the faces over which there may be chains of mirrors (:mod:`.chains`), straight on through panes or not."""
+**Chains of mirrors** are the solver's (:mod:`datafactory.paths.solver`); whether there are any, the same share tells.
+The sequences of triangles that its rays meet, as from mirrors, hold the chains between faces that these rays do not
+miss. Of each the image method says whether there is a way that closes: with I_0 = 0 and I_j the image of I_j-1 in the
+plane of mirror j, the wave comes home along the line from I_n to the radar, and meets the mirrors where that line,
+unfolded mirror by mirror, crosses their planes. The echo of a chain of length L is at most lambda / (4 pi L), that of
+perfect mirrors.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -52,13 +43,11 @@ import numpy as np
 from datafactory.defaults import LARGEST_DEPTH
 from datafactory.paths.arrivals import DIRECTIONS, Arrivals, Echoes
 from datafactory.paths.candidates import CHAIN, MIRRORED, PASSED, TWICE, Candidates
-from datafactory.paths.chains import chain_candidates
-from datafactory.paths.corner_edges import corners_of
-from datafactory.paths.panes import AXES, polarization_axis
+from datafactory.paths.corners import CornerEdges, corners_of
+from datafactory.paths.merged_scene import barycentric
 from datafactory.paths.scattering import share_at
-from datafactory.paths.slabs import passed_fields, reflectivity
 from datafactory.paths.table import DIFFUSE, SPECULAR
-from datafactory.paths.view import Hits
+from datafactory.paths.view import AXES, Hits, View, polarization_axis
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Index, Real, lengths
 
@@ -70,6 +59,8 @@ THIN_RAYS, THINNEST = 12_500, 16
 """As many rays as find chains between small faces (:data:`datafactory.paths.solver.LEAST_SOLVER_RAYS`)."""
 SURE = 3.0
 """Estimate and two standard errors of a cell in which one echo was found, over that echo."""
+LARGER = 2.0
+"""How much larger than it is, about its centre, a triangle counts in each direction."""
 
 
 def over_mirrors(first: Arrivals) -> list[Echoes]:
@@ -86,18 +77,10 @@ def over_mirrors(first: Arrivals) -> list[Echoes]:
 
 def through_panes(arrivals: Arrivals) -> tuple[Arrivals, Hits]:
     """Where those waves arrive next that meet a pane and go on through it, and where they met it."""
-    view = arrivals.view
-    met = arrivals.take(view.slabs.lets_through[arrivals.hits.mesh])
+    met = arrivals.take(arrivals.view.slabs.lets_through[arrivals.hits.mesh])
     waves, panes = met.waves, met.hits
-    field = passed_fields(
-        waves.direction, panes.normal, waves.field, *view.slabs.transmission(panes.mesh, panes.cosine)
-    )
-    departing = replace(waves, lifted=panes.clear(-1.0), field=field)
-    index, hits = view.hit_by(departing)
-    te, tm = view.slabs.reflection(hits.mesh, hits.cosine)
-    beyond = replace(
-        met, waves=departing.arrived(index, hits), hits=hits, te=te, tm=tm, ratio=met.ratio[index], ray=met.ray[index]
-    )
+    field = met.view.slabs.passed(panes.mesh, waves.direction, panes.normal, waves.field)
+    beyond, index = met.followed(replace(waves, lifted=panes.clear(-1.0), field=field), met.kinds)
     return beyond, panes.take(index)
 
 
@@ -106,10 +89,8 @@ def behind_panes(first: Arrivals) -> Echoes:
     beyond, panes = through_panes(first)
     waves = beyond.waves
     turned = _turned_back(waves.field, polarization_axis(waves.direction, "V"))
-    te, tm = first.view.slabs.transmission(panes.mesh, panes.cosine)
-    back = passed_fields(waves.direction, panes.normal, turned, te, tm)
-    kept = reflectivity(waves.direction, beyond.hits.normal, waves.field, beyond.te, beyond.tm)
-    return beyond.heard(np.arange(len(back)), back, kept, 2)
+    back = first.view.slabs.passed(panes.mesh, waves.direction, panes.normal, turned)
+    return beyond.heard(np.arange(len(back)), back, beyond.reflectivity(), 2)
 
 
 @compiled()
@@ -152,8 +133,7 @@ def _scattered(arrivals: Arrivals, random: Real) -> Arrivals:
     """
     view, waves, hits = arrivals.view, arrivals.waves, arrivals.hits
     direction, weight = _drawn(waves.direction, hits.normal, view.lobes[hits.mesh], random)
-    kept = reflectivity(waves.direction, hits.normal, waves.field, arrivals.te, arrivals.tm)
-    kept *= view.slabs.scattering[hits.mesh] * np.sqrt(weight)
+    kept = arrivals.reflectivity() * view.slabs.scattering[hits.mesh] * np.sqrt(weight)
     field = np.zeros(waves.field.shape, dtype=np.complex128)
     for which in AXES:
         part = np.einsum("ni,ni->n", waves.field, polarization_axis(waves.direction, which)) * kept
@@ -257,3 +237,40 @@ def _estimates(group: int, echoes: Echoes, stands_for: int) -> Candidates:
     if echoes.kinds[0] != SPECULAR:
         return there
     return Candidates.joined([there, Candidates.of(group, first, power, range_m, last)])
+
+
+def chain_candidates(family: int, sequences: Sequence[Index], view: View, corners: CornerEdges | None) -> Candidates:
+    """Of every sequence of triangles over which a way closes.
+
+    :param family: ``CHAIN``, or ``PASSED`` where rays went through panes
+    :param sequences: triangles [n, mirrors] in the order in which rays met them
+    :param corners: right-angled, whose own chains are left out; None where those are the solver's, behind panes
+    """
+    found, wavelength_m = [Candidates.none()], view.wavelength_m
+    for sequence in sequences:
+        some = np.unique(sequence, axis=0)
+        if corners is not None:
+            some = some[~corners.hold(some)]
+        image, departure = _closed(view.corners[some], view.normals[some], view.heights[some])
+        length = np.linalg.norm(image, axis=1)
+        power = (wavelength_m / (4.0 * np.pi * np.maximum(length, wavelength_m))) ** 2
+        found.append(Candidates.of(family, image, power, 0.5 * length, departure))
+    return Candidates.joined(found)
+
+
+def _closed(corner: Real, normal: Real, height: Real) -> tuple[Real, Real]:
+    """Of the sequences [n, m] whose way closes: the image of the origin [k, 3] and the first mirror's point [k, 3]."""
+    count, mirrors = height.shape
+    images = [np.zeros((count, 3))]
+    for step in range(mirrors):
+        n = normal[:, step]
+        images.append(images[-1] - 2.0 * (np.einsum("ni,ni->n", n, images[-1]) - height[:, step])[:, None] * n)
+    place, closes = np.zeros((count, 3)), np.ones(count, dtype=bool)
+    for step in range(mirrors - 1, -1, -1):
+        n, along = normal[:, step], images[step + 1] - place
+        slope = np.einsum("ni,ni->n", n, along)
+        share = (height[:, step] - np.einsum("ni,ni->n", n, place)) / np.where(slope == 0.0, np.inf, slope)
+        place = place + share[:, None] * along
+        closes &= (share > 0.0) & (share < 1.0)
+        closes &= barycentric(corner[:, step], place).min(axis=1) >= (1.0 - LARGER) / 3.0
+    return images[-1][closes], place[closes]

@@ -14,7 +14,7 @@ walls absorb them).
 Time convention exp(+j omega t); amplitudes for the path table are the conjugates.
 
 The kernels write root, exponential and quotient out in real numbers: the compiler vectorises these, and calls a library
-for the complex ones, at six times the price.
+for the complex ones, at six times the price. Each is given arrays of one layout, so that it is compiled once.
 """
 
 from __future__ import annotations
@@ -68,11 +68,11 @@ class Slabs:
 
         :param cosine: [n] of the angle of incidence, above 0
         """
-        return _reflection(self._eta, self._wavelengths, mesh, np.ascontiguousarray(cosine))
+        return _reflection(self._eta, self._wavelengths, np.ascontiguousarray(mesh), np.ascontiguousarray(cosine))
 
     def transmission(self, mesh: Index, cosine: Real) -> tuple[Complex, Complex]:
         """T [n], TE and TM, over that of the air in the slabs' place: times exp(+j k d cos theta)."""
-        te, tm = _transmission(self._eta, self._wavelengths, mesh, np.ascontiguousarray(cosine))
+        te, tm = _transmission(self._eta, self._wavelengths, np.ascontiguousarray(mesh), np.ascontiguousarray(cosine))
         air = np.exp((2j * np.pi * self.frequency_hz / SPEED_OF_LIGHT * self._thickness_m)[mesh] * cosine)
         return te * air, tm * air
 
@@ -80,20 +80,21 @@ class Slabs:
         """[n] sqrt(1 - S^2), what scattering leaves of a mirror."""
         return np.sqrt(1.0 - self.scattering**2)[mesh]
 
-    def mirrored(self, mesh: Index, direction: Real, normal: Real, field: Complex) -> tuple[Real, Complex]:
-        """Directions [n, 3] and fields [n, 3] of the waves that slabs send on: sqrt(1 - S^2) R e.
+    def reflected(self, mesh: Index, direction: Real, normal: Real, field: Complex) -> tuple[Real, Complex]:
+        """Directions [n, 3] and fields [n, 3] of the waves that smooth slabs send on.
 
         :param direction: [n, 3] unit; :param normal: [n, 3] unit, on either side; :param field: [n, 3] across
             ``direction``
         """
-        cosine = np.clip(np.abs(dots(direction, normal)), LEAST_COSINE, 1.0)
-        onward, reflected = reflected_fields(direction, normal, field, *self.reflection(mesh, cosine))
-        return onward, self.unscattered(mesh)[:, None] * reflected
+        return fields_beyond(direction, normal, field, *self.reflection(mesh, _cosine(direction, normal)), True)
 
     def passed(self, mesh: Index, direction: Real, normal: Real, field: Complex) -> Complex:
-        """The fields [n, 3] behind slabs; arguments as in :meth:`mirrored`, either sense of a direction."""
-        cosine = np.clip(np.abs(dots(direction, normal)), 1e-6, 1.0)
-        return passed_fields(direction, normal, field, *self.transmission(mesh, cosine))
+        """The fields [n, 3] behind slabs; arguments as in :meth:`reflected`, either sense of a direction."""
+        return fields_beyond(direction, normal, field, *self.transmission(mesh, _cosine(direction, normal)), False)[1]
+
+    def reflectivity(self, mesh: Index, direction: Real, normal: Real, field: Complex) -> Real:
+        """[n] |R e| / |e|; arguments as in :meth:`reflected`."""
+        return _reflectivity(direction, normal, field, *self.reflection(mesh, _cosine(direction, normal)))
 
     @cached_property
     def lets_through(self) -> Mask:
@@ -196,50 +197,48 @@ def onto_planes(index, start, lifted, direction, distance, triangle, normals, he
     return point, normal, cosine, length
 
 
+def _cosine(direction: Real, normal: Real) -> Real:
+    """[n] of the angles of incidence."""
+    return np.clip(np.abs(dots(direction, normal)), LEAST_COSINE, 1.0)
+
+
 @compiled()
-def reflected_fields(direction, normal, field, te, tm):
-    """Directions [n, 3] and fields [n, 3] of waves reflected by planes.
+def fields_beyond(direction, normal, field, te, tm, mirrored):
+    """Directions [n, 3] and fields [n, 3] of waves beyond planes.
 
     With n the normal, k and k' the directions before and after, the field across the plane of incidence, along
-    s = k x n, is multiplied with R_TE, and that along k x s comes back along k' x s, multiplied with R_TM.
+    s = k x n, is multiplied with R_TE or T_TE, and that along k x s comes back along k' x s, with R_TM or T_TM.
 
     :param direction: [n, 3] unit; :param normal: [n, 3] unit; :param field: [n, 3] complex, across ``direction``
-    :param te, tm: [n] reflection coefficients of the electric field across and in the plane of incidence
+    :param te, tm: [n] R or T of the electric field across and in the plane of incidence
+    :param mirrored: whether the waves are; else they keep their directions
     """
     count = len(direction)
-    onward, reflected = np.empty((count, 3)), np.empty((count, 3), dtype=np.complex128)
+    onward, beyond = np.empty((count, 3)), np.empty((count, 3), dtype=np.complex128)
     s, p, q = np.empty(3), np.empty(3), np.empty(3)
     for k in range(count):
         d, n = direction[k], normal[k]
-        along = d[0] * n[0] + d[1] * n[1] + d[2] * n[2]
-        _across(d, n, s)
+        turned = 2.0 * (d[0] * n[0] + d[1] * n[1] + d[2] * n[2]) if mirrored else 0.0
         for i in range(3):
-            onward[k, i] = d[i] - 2.0 * along * n[i]
-        _cross(d, s, p)
+            onward[k, i] = d[i] - turned * n[i]
+        across, within = _parts(d, n, field[k], s, p)
         _cross(onward[k], s, q)
-        across, within = 0.0j, 0.0j
-        for i in range(3):
-            across += field[k, i] * s[i]
-            within += field[k, i] * p[i]
         across *= te[k]
         within *= tm[k]
         for i in range(3):
-            reflected[k, i] = across * s[i] + within * q[i]
-    return onward, reflected
+            beyond[k, i] = across * s[i] + within * q[i]
+    return onward, beyond
 
 
 @compiled()
-def reflectivity(direction, normal, field, te, tm):
-    """[n] |R e| / |e| of waves reflected by planes; arguments as in :func:`reflected_fields`."""
+def _reflectivity(direction, normal, field, te, tm):
+    """[n] |R e| / |e| of waves reflected by planes; arguments as in :func:`fields_beyond`."""
     share = np.empty(len(direction))
     s, p = np.empty(3), np.empty(3)
     for k in range(len(direction)):
-        _across(direction[k], normal[k], s)
-        _cross(s, direction[k], p)
-        across, within, square = 0.0j, 0.0j, 0.0
+        across, within = _parts(direction[k], normal[k], field[k], s, p)
+        square = 0.0
         for i in range(3):
-            across += field[k, i] * s[i]
-            within += field[k, i] * p[i]
             square += field[k, i].real ** 2 + field[k, i].imag ** 2
         across *= te[k]
         within *= tm[k]
@@ -248,27 +247,16 @@ def reflectivity(direction, normal, field, te, tm):
     return share
 
 
-@compiled()
-def passed_fields(direction, normal, field, te, tm):
-    """Fields [n, 3] of waves behind plane slabs, which keep their directions.
-
-    :param direction: [n, 3] unit, in either sense; :param normal: [n, 3] unit; :param field: [n, 3] complex
-    :param te, tm: [n] transmission of the electric field across and in the plane of incidence
-    """
-    passed = np.empty((len(direction), 3), dtype=np.complex128)
-    s, p = np.empty(3), np.empty(3)
-    for k in range(len(direction)):
-        _across(direction[k], normal[k], s)
-        _cross(s, direction[k], p)
-        across, within = 0.0j, 0.0j
-        for i in range(3):
-            across += field[k, i] * s[i]
-            within += field[k, i] * p[i]
-        across *= te[k]
-        within *= tm[k]
-        for i in range(3):
-            passed[k, i] = across * s[i] + within * p[i]
-    return passed
+@inlined()
+def _parts(d, n, e, s, p):
+    """What a field e has along s = d x n, across the plane of incidence, and along p = d x s, in it."""
+    _across(d, n, s)
+    _cross(d, s, p)
+    across, within = 0.0j, 0.0j
+    for i in range(3):
+        across += e[i] * s[i]
+        within += e[i] * p[i]
+    return across, within
 
 
 @inlined()

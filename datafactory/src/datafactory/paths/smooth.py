@@ -1,21 +1,10 @@
-"""Which triangles sample a smooth surface: found by angle, as modelling tools do.
+"""Which triangles sample a smooth surface: found by angle, as modelling tools do (docs/notes/curved.md has the rules).
 
 Two triangles that share an edge belong to one smooth surface where the angle between their planes, the fold, is at most
-``SMOOTH_FOLD_DEG``. That alone would also smooth a roof with a low ridge, a road with a crest, and the flat panel
-beside a rounded edge, which are flat mirrors. A surface is therefore taken as curved only where
-
-* both facets at a fold are of like width across it (``WIDTH_RATIO``); a panel beside a narrow strip of a rounded edge
-  stays flat, as with the face-weighted normals of modelling tools;
-* it has at least ``LEAST_FACETS`` facets, a facet being triangles in one plane, and where it has fewer than
-  ``FEW_FACETS`` their areas are within ``WIDTH_RATIO`` too: a panel with four chamfers is no curved surface;
-* its facets turn by ``LEAST_TURN_DEG`` at least, so that the noise of a file's rounded vertices bends no wall;
-* it is not one of the smoother pieces of a ragged or coarse body, a tree's crown for one: where more than half of its
-  ends (of few facets, a fifth) are folds above the limit and up to ``COARSE_FOLD_DEG``, the body is too coarse as a
-  whole;
-* it can be given one side (no Moebius strip).
-
-What remains is flat, as are facets that turn by more than the limit from one to the next. Where so many of the latter
-lie side by side that they look like a coarse curved surface, they are counted: ``coarse``.
+``SMOOTH_FOLD_DEG``. That alone would also smooth a roof with a low ridge and the flat panel beside a rounded edge. A
+surface is therefore curved only where its facets, triangles in one plane, are alike in width, enough in number, turn
+enough, are not the smoother pieces of a ragged body, and have one side (no Moebius strip). What remains is flat. Where
+so many flat facets lie side by side that they look like a coarse curved surface, they are counted: ``coarse``.
 """
 
 from __future__ import annotations

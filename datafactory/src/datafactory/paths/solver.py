@@ -23,17 +23,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.defaults import DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH
+from datafactory.defaults import DEFAULT_DEPTH, DEFAULT_RAYS
 from datafactory.paths.backend import select_variant
 from datafactory.paths.columns import Columns
 from datafactory.paths.geometry import Geometry, name_of
-from datafactory.paths.merged_scene import MergedScene, velocities_on
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import LOBE_EXPONENT, MIRROR_SHARE
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR
 from datafactory.scenes.materials.table import Material
-from datafactory.scenes.poses import Pose
 from shared.physics.vectors import Complex, Index, Mask, Real
 from shared.radar.front_end import Polarization
 
@@ -60,7 +59,7 @@ class TraceSettings:
     :param rays: directions sent from the TX
     :param depth: largest number of bounces, 1 to 3; from 2 on targets are seen over mirrors, one on either way, and
         chains of mirrors alone have up to 3: a handful of paths, and nearly all that a third bounce adds to a cell
-    :param paths_a_cell: most paths that are scattered once in a resolution cell (:mod:`datafactory.paths.thinning`), of
+    :param paths_a_cell: most paths that are scattered once in a resolution cell (:mod:`datafactory.paths.cells`), of
         the default's rays or fewer; see :attr:`most_in_a_cell`. 0 keeps all
     :param solver_share: of so many rays the solver follows one to chains of mirrors, which are few
     :param twice_share: of so many rays one is followed to what is scattered twice: weak echoes, spread over many cells
@@ -95,11 +94,6 @@ class TraceSettings:
         return self.depth + (CROSSINGS if self.refraction else 0)
 
     @property
-    def of_mirrors(self) -> TraceSettings:
-        """How chains of mirrors are followed."""
-        return replace(self, depth=LARGEST_DEPTH, diffuse=False)
-
-    @property
     def most_in_a_cell(self) -> int:
         """``paths_a_cell``, and of more rays than the default's as many times more.
 
@@ -123,22 +117,15 @@ class Bundle(Columns):
 
     vertices: Real  # [n, depth, 3]
     interactions: Index  # [n, depth] SPECULAR or DIFFUSE, 0 beyond the path's end
-    objects: Index  # [n, depth] index into the merged scene's objects, -1 beyond the end
     triangles: Index  # [n, depth] index into the merged scene's triangles, -1 beyond the end
-    velocities: Real  # [n, depth, 3] relative to the radar
     crossings: Index  # [n] panes passed
     amplitude: Complex  # [n]
 
     @staticmethod
     def none(depth: int) -> Bundle:
         """No paths, of at most ``depth`` bounces."""
-        whole, vectors = np.zeros((0, depth), dtype=np.int64), np.zeros((0, depth, 3))
-        return Bundle(vectors, whole, whole, whole, vectors, whole[:, 0], np.zeros(0, dtype=np.complex128))
-
-    @property
-    def scatterings(self) -> int:
-        """Diffuse bounces of its paths, which are of the same kinds; 0 where there are no paths."""
-        return int((self.interactions[:1] == DIFFUSE).sum())
+        whole = np.zeros((0, depth), dtype=np.int64)
+        return Bundle(np.zeros((0, depth, 3)), whole, whole, whole[:, 0], np.zeros(0, dtype=np.complex128))
 
     def of_bounces(self, count: int) -> Bundle:
         """Its paths of so many bounces."""
@@ -148,27 +135,17 @@ class Bundle(Columns):
 
     def cut(self, depth: int) -> Bundle:
         """The same paths without the columns beyond ``depth``."""
-        whole = ("amplitude", "crossings")
-        columns = {name: getattr(self, name)[:, :depth] for name in self.__dataclass_fields__ if name not in whole}
-        return Bundle(amplitude=self.amplitude, crossings=self.crossings, **columns)
+        return replace(
+            self,
+            vertices=self.vertices[:, :depth],
+            interactions=self.interactions[:, :depth],
+            triangles=self.triangles[:, :depth],
+        )
 
     def in_fixed_order(self) -> Bundle:
         """The same paths, sorted by their vertices: the solver's order depends on which of its threads ends first."""
         count, depth = self.interactions.shape
         return self.take(np.lexsort(self.vertices.reshape(count, 3 * depth).T[::-1]))
-
-
-@dataclass(frozen=True)
-class Solved:
-    """What the solver returned.
-
-    :param invalid: padded entries
-    :param truncated: 1 where the solver's capacity was reached
-    """
-
-    bundle: Bundle
-    invalid: int
-    truncated: int
 
 
 def radio_scene(geometry: Geometry, slabs: Slabs, settings: TraceSettings) -> Any:
@@ -238,19 +215,24 @@ def solver_paths(scene: Any, settings: TraceSettings, fan: RayFan, seed: int) ->
         )
 
 
-def solve(scene: Any, merged_scene: MergedScene, pose: Pose, settings: TraceSettings, fan: RayFan, seed: int) -> Solved:
+def solve(
+    scene: Any, merged_scene: MergedScene, settings: TraceSettings, fan: RayFan, seed: int
+) -> tuple[Bundle, dict[str, int]]:
     """Trace one frame.
 
     :param scene: of :func:`radio_scene`
     :param fan: all rays of the frame, of which ``settings`` say how many are followed
     :param seed: of the solver's choices between kinds of bounce; 0 to 2**32 - 1
+    :return: the paths; counts: ``invalid``, padded entries, and ``truncated``, 1 where the capacity was reached
     """
     fan = replace(fan, count=settings.solver_rays(fan.count))
     paths = solver_paths(scene, settings, fan, seed)
-    shapes = {scene.objects[name_of(index)].object_id: index for index in range(len(merged_scene.meshes))}
+    first = merged_scene.first[:-1].tolist()
+    shapes = {scene.objects[name_of(index)].object_id: begin for index, begin in enumerate(first)}
     valid = paths.valid.numpy().reshape(-1)
-    bundle = _without_crossings(_bundle_of(paths, valid, shapes, merged_scene, pose), settings.depth)
-    return Solved(bundle, int((~valid).sum()), int(valid.sum() >= settings.capacity(fan.count)))
+    bundle = _without_crossings(_bundle_of(paths, valid, shapes), settings.depth)
+    truncated = int(valid.sum() >= settings.capacity(fan.count))
+    return bundle, {"invalid": int((~valid).sum()), "truncated": truncated}
 
 
 @contextmanager
@@ -275,8 +257,11 @@ def _rays_of_fan(fan: RayFan) -> Iterator[None]:
             module.fibonacci_lattice = original
 
 
-def _bundle_of(paths: Any, valid: Mask, shapes: dict[int, int], merged_scene: MergedScene, pose: Pose) -> Bundle:
-    """The valid paths as float64, with the radar's own motion taken off the objects' velocities."""
+def _bundle_of(paths: Any, valid: Mask, shapes: dict[int, int]) -> Bundle:
+    """The valid paths as float64.
+
+    :param shapes: of each of Sionna's objects the first triangle
+    """
 
     def columns(values: Any) -> NDArray:
         return np.moveaxis(values.numpy()[:, 0, 0], 0, 1)[valid]
@@ -285,16 +270,11 @@ def _bundle_of(paths: Any, valid: Mask, shapes: dict[int, int], merged_scene: Me
     interactions = columns(paths.interactions).astype(np.int64)
     shape, primitive = columns(paths.objects).astype(np.int64), columns(paths.primitives).astype(np.int64)
     real, imaginary = (part.numpy().reshape(-1)[valid].astype(np.float64) for part in paths.a)
-    objects, triangles = np.full((2, *shape.shape), -1, dtype=np.int64)
-    velocities = np.zeros(vertices.shape)
-    for object_id, index in shapes.items():
+    triangles = np.full(shape.shape, -1, dtype=np.int64)
+    for object_id, first in shapes.items():
         here = (shape == object_id) & (interactions > 0)
-        triangles[here] = merged_scene.first[index] + primitive[here]
-    here = interactions > 0
-    objects[here] = merged_scene.owner[triangles[here]]
-    velocities[here] = velocities_on(merged_scene, pose, triangles[here], vertices[here])
-    crossings = np.zeros(len(real), dtype=np.int64)
-    return Bundle(vertices, interactions, objects, triangles, velocities, crossings, real - 1j * imaginary)
+        triangles[here] = first + primitive[here]
+    return Bundle(vertices, interactions, triangles, np.zeros(len(real), dtype=np.int64), real - 1j * imaginary)
 
 
 def _without_crossings(bundle: Bundle, depth: int) -> Bundle:
@@ -304,15 +284,13 @@ def _without_crossings(bundle: Bundle, depth: int) -> Bundle:
     rows = np.arange(len(crossed))[:, None]
     order = np.argsort(~bounces, axis=1, kind="stable")
     past = ~bounces[rows, order]
-    moved = {
-        name: getattr(bundle, name)[rows, order]
-        for name in ("vertices", "interactions", "objects", "triangles", "velocities")
-    }
-    moved["vertices"][past] = 0.0
-    moved["velocities"][past] = 0.0
-    moved["interactions"][past] = 0
-    moved["objects"][past] = moved["triangles"][past] = -1
-    kept = Bundle(**moved, crossings=crossed.sum(axis=1), amplitude=bundle.amplitude)
+    kept = replace(
+        bundle,
+        vertices=np.where(past[:, :, None], 0.0, bundle.vertices[rows, order]),
+        interactions=np.where(past, 0, bundle.interactions[rows, order]),
+        triangles=np.where(past, -1, bundle.triangles[rows, order]),
+        crossings=crossed.sum(axis=1),
+    )
     count = bounces.sum(axis=1)
     return kept.take((count > 0) & (count <= depth)).cut(depth)
 

@@ -1,10 +1,9 @@
 """PathTables on disk: one Parquet row a frame, so that another radar can be rendered from the same trace.
 
 Lists have the length of the frame's own paths; vectors are flattened in C order, complex numbers split into real and
-imaginary. A path that one point scattered has its first point where its last one is; ``scattered_tx_point`` holds the
-others alone, those that ``scattered_two_points`` marks: most paths have one point, and 24 bytes less. Amplitudes are
-isotropic, as in the table; the wavelength they were traced at stands beside them, as they
-are proportional to it.
+imaginary. A path that one point scattered has its first point where its last one is: ``scattered_tx_point`` holds those
+of the others alone, which ``scattered_two_points`` marks. Amplitudes are isotropic, as in the table; the wavelength
+they were traced at, to which they are proportional, stands beside them.
 """
 
 from __future__ import annotations

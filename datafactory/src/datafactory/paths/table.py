@@ -2,27 +2,21 @@
 
 A table holds the multipath of one frame in the radar frame, independent of array, waveform and patterns: one trace
 serves every radar. There are two kinds of path, because there are two delay laws. x_i is a TX, x_j an RX, t the time
-since the start of chirp 0; all reflections on the way are unfolded (each mirror replaced by the mirror image behind
-it).
+since the start of chirp 0; each mirror on the way is replaced by the mirror image behind it.
 
-Scattered paths have a point from which the wave spreads anew (a diffuse bounce, a point target):
+Scattered paths have a point from which the wave spreads anew (a diffuse bounce, a point target), p as the TX sees it
+and q as the RX sees it. A single bounce has p = q; b is the length between two scattering points, else 0:
 
-    c tau = |x_i - (p + v_p t)| + b + b' t + |x_j - (q + v_q t)|
+    c tau = |x_i - (p + v_p t)| + b + b' t + |x_j - (q + v_q t)|.
 
-with the scattering point as the TX sees it (p) and as the RX sees it (q). A single bounce has p = q, b = 0. With
-mirrors before or after the point, p or q is its mirror image. b is the length between two scattering points.
+Specular paths have no such point. The RX sees the mirror image of the TX, and the wavefront's curvature is that of the
+whole path. With s the image of the origin and H, orthogonal, the product of the mirrors' reflections,
 
-Specular paths have no such point: the RX sees the mirror image of the TX, and the wavefront's curvature is that of the
-whole path:
+    c tau = |x_j - (s + v_s t + H x_i)|.
 
-    c tau = |x_j - (s + v_s t + H x_i)|
-
-with s the image of the origin and H the product of the mirrors' reflections, an orthogonal matrix. Both laws are
-exact for plane mirrors and constant velocities, in the near field too.
-
-Amplitudes are those of isotropic antennas of 0 dBi and of unit transmit power, with the sign convention of the IF
-signal: the conjugate of the propagation channel's, because the mixer conjugates the received wave (eq. (1) has +j f_c
-tau).
+Both laws are exact for plane mirrors and constant velocities, in the near field too. Amplitudes are those of isotropic
+antennas of 0 dBi and of unit transmit power, with the sign convention of the IF signal: the conjugate of the
+propagation channel's, because the mixer conjugates the received wave (eq. (1) has +j f_c tau).
 """
 
 from __future__ import annotations
@@ -263,7 +257,7 @@ class PathTable:
             self,
             scattered=_scaled(self.scattered, ratio),
             specular=_scaled(self.specular, ratio),
-            candidates=self.candidates.at_wavelength(traced_m, wanted_m),
+            candidates=replace(self.candidates, power=self.candidates.power * np.float32(ratio**2)),
         )
 
     def illuminated(self, front_end: FrontEnd) -> PathTable:

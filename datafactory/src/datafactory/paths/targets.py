@@ -1,33 +1,171 @@
-"""Echoes of targets with a radar cross section: in sight, behind panes, over mirrors, round corners."""
+"""Echoes of targets with a radar cross section: in sight, behind panes, over mirrors, round corners.
+
+**Round a corner** a hidden target is reached by diffraction at edges. Out over edge i and back over edge j, with G the
+one-way field of :mod:`datafactory.paths.diffraction` (direct: G = 1 / R), the radar equation becomes
+
+    A = lambda sqrt(sigma) / (4 pi)^(3/2) G_i G_j,
+
+and the path's length is the sum of both ways. For an edge across the array the wavefront's centre is the point on the
+edge: the table holds that point, and the rest of the way as length between. For an edge along the array the centre is
+the target, rotated about the edge into the line of sight: the table holds that point, which is exact for an array along
+y. The former is exact where the ray meets the edge at a right angle; else the wavefront's error is up to
+
+    y^2 cos^2(beta) / 2 (1/s' - 1/(s' + s)),
+
+s' the length to the edge and s the length beyond, and for an edge between the two cases the same with the share of y^2
+that belongs to the other case instead of cos^2(beta). The point on the edge is that of the origin at t = 0; that it
+slides as the target moves changes lengths in second order only. Left out are a wave over two edges in succession; the
+field that edges add at a target in sight, up to 6 dB one way at the shadow boundary; a target's depolarisation.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from datafactory.paths.candidates import TARGET_MIRRORED, TARGET_SEEN, Candidates
-from datafactory.paths.diffraction import Heard
-from datafactory.paths.echo_points import Seen, all_echo_points
+from datafactory.paths.columns import pairs_in_runs, place_in_run
+from datafactory.paths.diffraction import BESIDE_M, EdgeRays, Heard, along_array, field_over_edges, rays_over_edges
+from datafactory.paths.echo_points import EchoPoints, Seen, all_echo_points
 from datafactory.paths.mirrored_targets import DirectWays, echoes_over_mirrors
-from datafactory.paths.panes import FAINTEST, panes_between
-from datafactory.paths.round_corners import Hidden, echoes_round_corners
-from datafactory.paths.table import REFRACTED, TARGET, ScatteredPaths, SpecularPaths
-from datafactory.paths.view import EDGES_WITHIN_M, View
+from datafactory.paths.table import DIFFRACTED, REFRACTED, TARGET, ScatteredPaths, SpecularPaths
+from datafactory.paths.view import EDGES_WITHIN_M, FAINTEST, View, panes_between, polarization_axis
 from shared.physics.units import db_to_power
-from shared.physics.vectors import Mask, Real, lengths
+from shared.physics.vectors import Complex, Index, Mask, Real, lengths
 
+EDGES_PER_TARGET = 4
+TARGETS_AT_ONCE = 64
+"""Targets whose edges are looked at together: two thousand edges each in a city, some ten megabytes."""
+ORIGIN = np.zeros(3)
 FAINTEST_ECHO = 1e-2 / EDGES_WITHIN_M**4
 """Cross section over the fourth power of the distance [1/m^2] below which a target in plain sight is left out: as faint
 as such an edge. A pedestrian is so faint from 585 m on."""
 ROUND_CORNERS_DB = 12.0
 """What a way round an edge loses at least, out and back: half of the field is there at the shadow's boundary."""
-
-
 MIRRORED_MORE = 24.0 * 4.0
 """What all echoes of a target over mirrors have at most, over its own in plain sight: 24 paths
 (:data:`.mirrored_targets.MIRRORS_PER_POINT`), none nearer and no mirror amplifying, of a cross section that is at most
 four times as large from where the mirrors stand."""
+
+
+@dataclass(frozen=True)
+class _Legs:
+    """L ways from the radar to targets, each over one edge, target by target.
+
+    :param target: [L] rising
+    :param point: [L, 3] the wavefront's centre as the array sees it [m]; ``velocity`` [L, 3] [m/s]
+    :param rest_m: [L] length of the way beyond that point [m]; ``rest_rate`` [L] its rate [m/s]
+    :param sent, received: [L] the fields G for the polarisations of TX and RX
+    """
+
+    target: Index
+    point: Real
+    velocity: Real
+    rest_m: Real
+    rest_rate: Real
+    sent: Complex
+    received: Complex
+
+
+def echoes_round_corners(
+    view: View, hidden: EchoPoints, edges_per_target: int = EDGES_PER_TARGET
+) -> tuple[ScatteredPaths, dict[str, int]]:
+    """Echoes of hidden targets. Cross-polar, the target is reached by the one polarisation and heard by the other.
+
+    :param hidden: from the radar, in its frame; their cross sections are for the polarisation received
+    :param edges_per_target: number of edges used for each target, the strongest ones, out and back in every combination
+    :return: the paths, their candidates numbers of the targets, and the numbers of targets reached, of targets not
+        reached, and of weaker edges left out
+    """
+    parts = [ScatteredPaths.none()]
+    reached = weaker = 0
+    count = len(hidden)
+    for first in range(0, count, TARGETS_AT_ONCE):
+        here = hidden.take(np.arange(first, min(first + TARGETS_AT_ONCE, count)))
+        rays = rays_over_edges(view.edges, ORIGIN, here.position, view.wavelength_m)
+        rays = rays.take(_both_legs_clear(view, rays, here.position))
+        legs, left = _legs_over(view, rays, here.velocity, edges_per_target)
+        reached += len(np.unique(legs.target))
+        weaker += left
+        paths = _round_trips(legs, here.amplitudes(view.wavelength_m), view.merged.object_of_target(here.target))
+        parts.append(replace(paths, candidate=paths.candidate + first))
+    counts = {
+        "targets_round_corners": reached,
+        "targets_unreached": count - reached,
+        "edges_round_corners_left_out": weaker,
+    }
+    return ScatteredPaths.joined(parts), counts
+
+
+def _legs_over(view: View, rays: EdgeRays, target_velocity: Real, limit: int) -> tuple[_Legs, int]:
+    """The strongest of the clear ways to each target, the strongest first, and the number of weaker ones."""
+    edges, polarization = view.edges, view.settings.polarization
+    fields = {
+        which: field_over_edges(
+            edges, rays, view.slabs, polarization_axis(rays.inward, which), polarization_axis(rays.outward, which)
+        )
+        for which in dict.fromkeys(polarization)
+    }
+    sent, received = (fields[which] for which in polarization)
+    by_strength = np.lexsort((-np.abs(sent * received), rays.observer))
+    best = by_strength[place_in_run(rays.observer) < limit]
+    to, chosen, inward, outward = rays.observer[best], rays.edge[best], rays.inward[best], rays.outward[best]
+    out_m, on_m = rays.geometry.source_distance_m[best], rays.geometry.observer_distance_m[best]
+    level = along_array(edges.direction[chosen], inward)
+    # The length's rate is u' . v_edge + u . (v_target - v_edge): the sliding of the point adds nothing (Fermat).
+    at_edge = edges.velocity_at(chosen, rays.point[best])
+    rate = np.einsum("ki,ki->k", outward, target_velocity[to] - at_edge)
+    legs = _Legs(
+        target=to,
+        point=np.where(level[:, None], inward * (out_m + on_m)[:, None], rays.point[best]),
+        velocity=at_edge + np.where(level, rate, 0.0)[:, None] * inward,
+        rest_m=np.where(level, 0.0, on_m),
+        rest_rate=np.where(level, 0.0, rate),
+        sent=sent[best],
+        received=received[best],
+    )
+    return legs, len(rays) - len(best)
+
+
+def _both_legs_clear(view: View, rays: EdgeRays, targets: Real) -> Mask:
+    """[K] whether both legs are free, up to a point beside the edge, between the legs and in the wedge's exterior.
+
+    Each leg ends a little beyond the plane of the other. A wall in another mesh that continues the face, so that there
+    is no edge, blocks one of them.
+    """
+    edges = view.edges
+    middle = 0.5 * (rays.geometry.source_angle_rad + rays.geometry.observer_angle_rad)
+    normal_0 = edges.normal_0[rays.edge]
+    into_0 = np.cross(normal_0, edges.direction[rays.edge])
+    aside = rays.point + BESIDE_M * (np.cos(middle)[:, None] * into_0 + np.sin(middle)[:, None] * normal_0)
+    clear = view.sight(np.zeros_like(aside), aside + 0.5 * BESIDE_M * rays.outward)
+    towards = (aside - 0.5 * BESIDE_M * rays.inward)[clear]
+    clear[clear] = view.sight(targets[rays.observer[clear]], towards)
+    return clear
+
+
+def _round_trips(legs: _Legs, scale: Real, owner: NDArray[np.int32]) -> ScatteredPaths:
+    """Every way out with every way back of each target.
+
+    :param scale: [T] of the amplitude; :param owner: [T] the targets' object indices
+    """
+    out, back = pairs_in_runs(legs.target)
+    count, target = len(out), legs.target[out]
+    return ScatteredPaths(
+        tx_point=legs.point[out],
+        rx_point=legs.point[back],
+        tx_velocity=legs.velocity[out],
+        rx_velocity=legs.velocity[back],
+        between_m=legs.rest_m[out] + legs.rest_m[back],
+        between_rate_mps=legs.rest_rate[out] + legs.rest_rate[back],
+        amplitude=np.conj(scale[target] * legs.sent[out] * legs.received[back]),
+        depth=np.full(count, 3, dtype=np.int8),
+        object_index=owner[target],
+        kinds=np.full(count, DIFFRACTED | TARGET, dtype=np.uint8),
+        candidate=target.astype(np.int32),
+    )
 
 
 class TargetEchoes:
@@ -51,39 +189,32 @@ class TargetEchoes:
         self._nominal = np.array([float(db_to_power(target.rcs_dbsm)) for target in targets])
         self._loudness = self._nominal / np.maximum(lengths(self._away) ** 4, np.finfo(float).tiny)
         points = all_echo_points(view.merged.targets, pose.position, self._circumstances)
-        self._points = points = points.take((self._loudness >= FAINTEST_ECHO)[points.target])
-        self._position = (points.position - np.asarray(pose.position)) @ view.rotation
-        self._velocity = (points.velocity - np.asarray(pose.velocity)) @ view.rotation
-        self._range_m = np.linalg.norm(self._position, axis=1)
-        self._over_mirrors = bool(
-            settings.specular and settings.depth > 1 and view.merged.meshes and len(self._position)
-        )
+        self._points = points.take((self._loudness >= FAINTEST_ECHO)[points.target]).seen_by(pose)
+        self._range_m = lengths(self._points.position)
+        self._over_mirrors = bool(settings.specular and settings.depth > 1 and view.merged.meshes and len(self._points))
 
     @property
     def _amplitude(self) -> Real:
         """[K] of the echo points in plain sight."""
         distance = np.where(self._range_m > 0.0, self._range_m, 1.0)
-        wavelength = self._circumstances.wavelength_m
-        amplitude: Real = wavelength * np.sqrt(self._points.rcs_m2) / (4.0 * np.pi) ** 1.5 / distance**2
-        return amplitude
+        return self._points.amplitudes(self._view.wavelength_m) / distance**2
 
     @property
     def candidates(self) -> Candidates:
         """Of every echo point: itself, in plain sight or round an edge; of every target: all that mirrors add to it."""
-        itself = Candidates.of(TARGET_SEEN, self._position, self._amplitude**2)
+        itself = Candidates.of(TARGET_SEEN, self._points.position, self._amplitude**2)
         if not self._over_mirrors:
             return itself
         whole = np.bincount(self._points.target, self._points.rcs_m2, len(self._nominal))
-        of_sight = self._circumstances.wavelength_m**2 * np.maximum(whole, self._nominal) / (4.0 * np.pi) ** 3
+        of_sight = self._view.wavelength_m**2 * np.maximum(whole, self._nominal) / (4.0 * np.pi) ** 3
         power = MIRRORED_MORE * of_sight / np.maximum(lengths(self._away), 1e-3) ** 4
         heard = self._loudness >= FAINTEST_ECHO
         return Candidates.joined([itself, Candidates.of(TARGET_MIRRORED, self._away, np.where(heard, power, 0.0))])
 
     def seen(self, worth: Mask) -> Heard:
         """The echoes, no paths without a scattering point, and the numbers of those left out."""
-        view, points, position = self._view, self._points, self._position
-        settings, merged = view.settings, view.merged
-        count = len(points.rcs_m2)
+        view, points, settings = self._view, self._points, self._view.settings
+        position, count = points.position, len(points)
         itself = worth[:count]
         over_mirrors = worth[count:][points.target] if self._over_mirrors else np.zeros(count, dtype=bool)
         tried = np.flatnonzero((self._range_m > 0.0) & (itself | over_mirrors))
@@ -106,15 +237,13 @@ class TargetEchoes:
             "targets_in_near_field": points.near,
         }
         number = np.arange(count, dtype=np.int32)
-        index = (len(merged.objects) - len(merged.targets) + points.target).astype(np.int32)
-        amplitude = self._amplitude * out * back
-        direct = ScatteredPaths.of_points(position, self._velocity, amplitude, index, kinds, candidate=number)
+        amplitude, index = self._amplitude * out * back, view.merged.object_of_target(points.target)
+        direct = ScatteredPaths.of_points(position, points.velocity, amplitude, index, kinds, candidate=number)
         parts = [direct.take(heard & in_sight)]
         loud = self._loudness[points.target] * float(db_to_power(-ROUND_CORNERS_DB)) >= FAINTEST_ECHO
         hidden &= loud
         if settings.diffraction and hidden.any():
-            behind_edges = Hidden(position[hidden], self._velocity[hidden], points.rcs_m2[hidden], index[hidden])
-            round_corners, more = echoes_round_corners(view, behind_edges)
+            round_corners, more = echoes_round_corners(view, points.take(hidden))
             parts.append(replace(round_corners, candidate=number[hidden][round_corners.candidate]))
             counts |= more
         if over_mirrors.any():

@@ -4,32 +4,28 @@ First hits and single mirrors are in every frame. All else has candidates first 
 what the frame's radar would not notice is not looked for (:mod:`datafactory.paths.notice`). Where every radar is to be
 served, or every effect is asked for, all candidates are followed.
 
-* What rough surfaces scatter is found by the frame's own rays, at their first surface and beyond it
-  (:mod:`datafactory.paths.scattered`). No ray ends with a mirror after a diffuse bounce. The reverses of such
-  paths, mirror first, are found, and by reciprocity each of them stands for both: it enters the table twice, with the
-  TX's and the RX's side exchanged. A diffuse bounce takes on the phase of its surface cell (:mod:`.scattering`).
+* What rough surfaces scatter is found by the frame's own rays (:mod:`datafactory.paths.scattered`). None ends with a
+  mirror after a diffuse bounce. The reverses of such paths, mirror first, enter the table twice, with the TX's and the
+  RX's side exchanged. A diffuse bounce takes on the phase of its surface cell (:mod:`.scattering`).
 * Single mirrors are found without rays (:mod:`.mirrors`, :mod:`.curved_echoes`), chains of them by the solver
   (:mod:`.solver`), and where panes let waves through, those beyond them. A mirror reflects with the share of its
   facet's size (:mod:`.facets`).
 * Targets given by a radar cross section (:mod:`.targets`), edges (:mod:`.diffraction`) and right-angled corners
-  (:mod:`.corner_echoes`, :mod:`.corner_point_echoes`) are listed. Corners take the place of the solver's mirrors there.
+  (:mod:`.corner_echoes`) are listed. Corners take the place of the solver's mirrors there.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
+from datafactory.defaults import LARGEST_DEPTH
 from datafactory.paths.aim import aimed
-from datafactory.paths.arrivals import Arrivals
+from datafactory.paths.arrivals import Arrivals, Echoes
 from datafactory.paths.candidates import CHAIN, MIRRORED, PANE, PASSED, TWICE, Candidates
-from datafactory.paths.chains import without_corners
-from datafactory.paths.corner_echoes import CornerEchoes
-from datafactory.paths.corner_edges import corners_of
-from datafactory.paths.corner_point_echoes import CornerPointEchoes
-from datafactory.paths.corner_points import points_of
+from datafactory.paths.corner_echoes import CornerEchoes, CornerPointEchoes
+from datafactory.paths.corners import corners_of, points_of
 from datafactory.paths.curved_echoes import curved_mirrors
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.diffraction import EdgeEchoes
@@ -38,15 +34,14 @@ from datafactory.paths.geometry import Geometry, placed
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.mirrors import single_mirrors
 from datafactory.paths.notice import Notice
-from datafactory.paths.panes import pane_candidates
 from datafactory.paths.rays import RayFan
-from datafactory.paths.rows import scattered_rows, specular_rows, with_surfaces
+from datafactory.paths.rows import scattered_rows, specular_rows
 from datafactory.paths.scattered import SecondBounces, behind_panes
 from datafactory.paths.slabs import Slabs
-from datafactory.paths.solver import Bundle, Solved, TraceSettings, radio_scene, solve
-from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
+from datafactory.paths.solver import Bundle, TraceSettings, radio_scene, solve
+from datafactory.paths.table import DIFFUSE, PathTable, ScatteredPaths, SpecularPaths
 from datafactory.paths.targets import TargetEchoes
-from datafactory.paths.view import View
+from datafactory.paths.view import View, pane_candidates
 from datafactory.scenes.poses import Pose
 
 Listed = TargetEchoes | EdgeEchoes | CornerEchoes | CornerPointEchoes
@@ -55,24 +50,46 @@ those of the candidates that are worth it and in sight."""
 
 
 @dataclass
-class _Found:
-    """Paths of a frame, in the order in which they were found."""
+class _Frame:
+    """A frame as it is traced.
 
-    scattered: list[ScatteredPaths] = field(default_factory=lambda: [ScatteredPaths.none()])
-    specular: list[SpecularPaths] = field(default_factory=lambda: [SpecularPaths.none()])
-    counts: dict[str, int] = field(default_factory=dict)
+    :param fan: all its rays
+    :param paths: in the order in which they were found
+    """
 
-    def add(self, *parts: ScatteredPaths | SpecularPaths) -> None:
-        """More paths."""
-        for part in parts:
-            if isinstance(part, ScatteredPaths):
-                self.scattered.append(part)
-            else:
-                self.specular.append(part)
+    view: View
+    fan: RayFan
+    seed: int
+    counts: dict[str, int]
+    paths: list[ScatteredPaths | SpecularPaths] = field(default_factory=list)
 
-    def table(self, **more: Any) -> PathTable:
-        """All of them."""
-        return PathTable(ScatteredPaths.joined(self.scattered), SpecularPaths.joined(self.specular), **more)
+    def add(self, part: ScatteredPaths | SpecularPaths, group: int | None = None) -> None:
+        """More paths.
+
+        :param group: index of their candidate; None of those that have none, or candidates of their own
+        """
+        own = part if group is None else replace(part, candidate=np.full(len(part), group, dtype=np.int32))
+        self.paths.append(own)
+
+    def add_scattered(self, echoes: Echoes, group: int | None = None) -> None:
+        """Paths that end with a diffuse bounce."""
+        name = "scattered_twice" if echoes.kinds.count(DIFFUSE) > 1 else "scattered_once"
+        part = echoes.thinned(self.seed)
+        self.counts[name] += len(part)
+        for rows in scattered_rows(part, self.view, self.fan):
+            self.add(rows, group)
+
+    def table(self, candidates: Candidates) -> PathTable:
+        """All that was found."""
+        scattered = [part for part in self.paths if isinstance(part, ScatteredPaths)]
+        specular = [part for part in self.paths if isinstance(part, SpecularPaths)]
+        return PathTable(
+            ScatteredPaths.joined([ScatteredPaths.none(), *scattered]),
+            SpecularPaths.joined([SpecularPaths.none(), *specular]),
+            objects=self.view.merged.objects,
+            candidates=candidates,
+            counts=self.counts,
+        )
 
 
 def trace(
@@ -100,18 +117,20 @@ def trace(
     heard = len(panes) > 0 if notice is None else bool(notice.power_w(panes).any())
     settings = replace(settings, refraction=heard)
     view = replace(view, settings=settings)
-    found, first, second = _Found(counts={"rays": settings.rays, "scattered_once": 0, "scattered_twice": 0}), None, None
+    first, second = None, None
     if settings.diffuse and merged.meshes:
         fan = aimed(fan, view)
         first = Arrivals.first(view, fan)
         second = SecondBounces(first, seed) if settings.depth > 1 else None
-        _add_scattered(found, first.echoes().thinned(seed), view, fan)
+    frame = _Frame(view, fan, seed, {"rays": settings.rays, "scattered_once": 0, "scattered_twice": 0})
+    if first is not None:
+        frame.add_scattered(first.echoes())
     if settings.specular:
         # Flat mirrors and curved ones, those beyond panes among them: these go with what else is beyond panes.
         singles, counts = single_mirrors(view)
         points, images, of_curved = curved_mirrors(view)
-        found.add(points, singles, images)
-        found.counts |= counts | of_curved
+        frame.paths += [points, singles, images]
+        frame.counts |= counts | of_curved
     listed = _listed(view, target_seed)
     groups = {PANE: panes, **dict.fromkeys((MIRRORED, TWICE, CHAIN, PASSED), Candidates.none())}
     groups |= second.candidates(len(panes) > 0) if second is not None else {}
@@ -119,23 +138,23 @@ def trace(
     candidates = Candidates.joined(parts)
     worth = np.ones(len(candidates), dtype=bool)
     if notice is not None:
-        worth = notice.worth(candidates, notice.limit_w(found.table()))
+        worth = notice.worth(candidates, notice.limit_w(frame.table(candidates)))
     places = np.cumsum([0, *map(len, parts)])
     for source, start, stop in zip(listed, places, places[1:], strict=False):
-        *paths, counts = source.seen(worth[start:stop])
-        moved: Any = [replace(part, candidate=part.candidate + np.int32(start)) for part in paths]
-        found.add(*moved)
-        found.counts |= counts
+        points, images, counts = source.seen(worth[start:stop])
+        frame.add(replace(points, candidate=points.candidate + np.int32(start)))
+        frame.add(replace(images, candidate=images.candidate + np.int32(start)))
+        frame.counts |= counts
     begins = dict(zip(groups, places[len(listed) :], strict=False))
     followed = {group: int(start) for group, start in begins.items() if worth[start]}
     if first is not None:
         for group in (MIRRORED, TWICE):
             for echoes in second.echoes(group) if second is not None and group in followed else ():
-                _add_scattered(found, echoes.thinned(seed), view, fan, followed[group])
+                frame.add_scattered(echoes, followed[group])
         if settings.refraction and PANE in followed:
-            _add_scattered(found, behind_panes(first).thinned(seed), view, fan, followed[PANE])
-    _add_chains(found, view, kept, fan, seed, followed)
-    return found.table(objects=merged.objects, candidates=candidates, counts=found.counts)
+            frame.add_scattered(behind_panes(first), followed[PANE])
+    _add_chains(frame, kept, followed)
+    return frame.table(candidates)
 
 
 def find_shapes(merged: MergedScene, settings: TraceSettings) -> None:
@@ -161,46 +180,44 @@ def _listed(view: View, target_seed: int) -> list[Listed]:
     return listed
 
 
-def _add_scattered(found: _Found, part: Bundle, view: View, fan: RayFan, group: int | None = None) -> None:
-    """Paths that end with a diffuse bounce.
-
-    :param group: index of their candidate; None of first hits, which have none
-    """
-    name = "scattered_twice" if part.scatterings > 1 else "scattered_once"
-    found.counts[name] += len(part.amplitude)
-    found.add(*(_of_group(rows, group) for rows in scattered_rows(with_surfaces(part, view), fan)))
-
-
-def _add_chains(found: _Found, view: View, kept: Geometry, fan: RayFan, seed: int, followed: dict[int, int]) -> None:
+def _add_chains(frame: _Frame, kept: Geometry, followed: dict[int, int]) -> None:
     """Chains of mirrors, and those through panes, of the groups that are followed, by one pass of the solver each.
 
     A ray that may pass a pane is reflected there by chance: in one pass for both, chains over small panes are lost.
     """
-    settings, solved = view.settings, dict[int, Solved]()
-    passes = {CHAIN: replace(settings.of_mirrors, refraction=False)}
+    view, settings, groups = frame.view, frame.view.settings, dict[int, Bundle]()
+    frame.counts |= {"traced": 0, "invalid": 0, "truncated": 0}
+    passes = {CHAIN: replace(settings, depth=LARGEST_DEPTH, diffuse=False, refraction=False)}
     if settings.refraction and PANE in followed:  # without what is beyond panes, nothing that passed one is kept
         passes[PASSED] = replace(settings, diffuse=False)
     wanted = [group for group in passes if group in followed]
     if wanted and settings.depth > 1 and settings.specular and view.merged.meshes:
         scene = radio_scene(kept, view.slabs, settings)
         for group in wanted:
-            solved[group] = solve(scene, view.merged, view.pose, passes[group], fan, seed)
-    groups = {group: item.bundle for group, item in solved.items()}
+            groups[group], counts = solve(scene, view.merged, passes[group], frame.fan, frame.seed)
+            frame.counts["invalid"] += counts["invalid"]
+            frame.counts["truncated"] = max(frame.counts["truncated"], counts["truncated"])
     if PASSED in groups:
         groups[PASSED] = groups[PASSED].take(groups[PASSED].crossings > 0)
     if settings.corners and CHAIN in groups:
-        groups[CHAIN], found.counts["corners_by_the_solver"] = without_corners(groups[CHAIN], view.merged)
+        groups[CHAIN], frame.counts["corners_by_the_solver"] = _without_corners(groups[CHAIN], view.merged)
     for group, bundle in groups.items():
+        frame.counts["traced"] += len(bundle)
         for depth in range(2, bundle.interactions.shape[1] + 1):
-            part = bundle.of_bounces(depth).in_fixed_order()
-            found.add(_of_group(specular_rows(with_surfaces(part, view)), followed[group]))
-    found.counts |= {
-        "traced": sum(len(bundle) for bundle in groups.values()),
-        "truncated": max((item.truncated for item in solved.values()), default=0),
-        "invalid": sum(item.invalid for item in solved.values()),
-    }
+            frame.add(specular_rows(bundle.of_bounces(depth).in_fixed_order(), view), followed[group])
 
 
-def _of_group(rows: Any, group: int | None) -> Any:
-    """Paths whose candidate is the first of a group."""
-    return rows if group is None else replace(rows, candidate=np.full(len(rows), group, dtype=np.int32))
+def _without_corners(bundle: Bundle, merged_scene: MergedScene) -> tuple[Bundle, int]:
+    """The paths without those that are mirrored once by each face of a corner and nothing else, and their number.
+
+    Those are left to :mod:`datafactory.paths.corner_echoes`. The ray that a corner turns back to the radar runs into an
+    edge, or into the point in which three faces meet: a path solver finds it by chance or not at all.
+    """
+    corners = corners_of(merged_scene)
+    count = (bundle.interactions > 0).sum(axis=1)
+    mirrored = (bundle.interactions != DIFFUSE).all(axis=1) & (bundle.crossings == 0)
+    keep = np.ones(len(count), dtype=bool)
+    for bounces in range(2, min(bundle.interactions.shape[1], 3) + 1):
+        index = np.flatnonzero(mirrored & (count == bounces))
+        keep[index] = ~corners.hold(bundle.triangles[index, :bounces])
+    return bundle.take(keep), int((~keep).sum())

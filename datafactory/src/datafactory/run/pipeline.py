@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 from datafactory.defaults import CPU, LOCAL, Announce, Progress
 from datafactory.effects.catalogue import ALL
-from datafactory.paths.corner_edges import all_strips
+from datafactory.paths.free_extent import all_strips
 from datafactory.paths.trace import find_shapes
 from datafactory.run.memory import processes_ahead, require_room, workers_for
 from datafactory.run.portions import Engine, PortionWork, Writer, deal_out

@@ -1,32 +1,32 @@
-"""The right-angled corners of a scene: straight edges at which two plane faces face each other, found once.
+"""The right-angled corners of a scene, found once: edges at which two plane faces meet, points in which three do.
 
-Two faces that meet at a right angle (:mod:`.planar_faces`) divide space into four quarters. Each quarter whose two
-faces both reach away from the edge is a corner that sends a wave back: an inner corner of two walls, a wall on the
-ground, a kerb. A fold of one mesh has one such quarter, a sheet that stands on the ground two. The winding of the
-triangles is not used. A box has corners only on its inside; a sensor outside does not see them, because the box itself
-is in the way.
-
-Along the edge a corner consists of strips. In each strip the reach of either face, away from the edge, is a straight
+docs/notes/corners.md says what counts. Each quarter of space between two faces that meet at a right angle
+(:mod:`.planes`), both of which reach away from the edge, is a corner that sends a wave back; the winding of the
+triangles is not used. Along the edge it consists of strips, in each of which the reach of either face is a straight
 line (:mod:`.free_extent`). Strips that touch make one corner; beyond a gap another one begins.
+
+Three faces of which each pair meets at a right angle have a point in common: a corner of each of the eight octants
+around it in which all three begin. How far a face reaches from it, in directions between its two edges, is sampled.
 
 Faces belong to bodies of one velocity. What stands on another body, such as a car on a road, makes no corner with it.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.bodies import Body, bodies_of
-from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of, one_after_another
-from datafactory.paths.free_extent import flattened, strips
-from datafactory.paths.merged_scene import MergedScene, found_once, motions_of
-from datafactory.paths.planar_faces import TOUCH_M, PlanarFaces, planar_faces_of
-from shared.physics.compiled import compiled
-from shared.physics.vectors import Index, Mask, Real, unit
+from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, one_after_another
+from datafactory.paths.free_extent import all_strips, quarters
+from datafactory.paths.merged_scene import MergedScene, found_once
+from datafactory.paths.planes import TOUCH_M, PlanarFaces, planar_faces_of
+from shared.physics.vectors import Index, Mask, Real, lengths, unit
 
 LEAST_REACH_M = 0.005
 """Faces that reach less far from the edge, over all of a corner, or from a point, make none: they are narrower than a
@@ -46,7 +46,6 @@ class CornerEdges(Placed):
     :param strips: [S, 6] start and end along the edge, the reach of the first face there, and that of the second [m]
     :param corner_of_strip: [S] rising
     :param face_of_triangle: [T] of the merged scene's triangles; -1 where a triangle has none
-    :param counts: ``right_angles`` (pairs of faces), ``corner_edges``
     """
 
     origin: Real = field(metadata=POINT)
@@ -59,12 +58,38 @@ class CornerEdges(Placed):
     strips: Real = field(metadata=WHOLE)
     corner_of_strip: Index = field(metadata=WHOLE)
     face_of_triangle: Index = field(metadata=WHOLE)
-    counts: dict[str, int] = field(metadata=WHOLE, default_factory=dict)
 
-    @property
+    @cached_property
     def opening(self) -> Real:
-        """[C] angle between the faces [rad]."""
+        """[C] psi, the angle between the faces [rad]."""
         return np.arccos(np.clip(np.einsum("ci,ci->c", self.into[:, 0], self.into[:, 1]), -1.0, 1.0))
+
+    @cached_property
+    def foot_z(self) -> Real:
+        """[C] place along the edge of the foot of the perpendicular from the origin [m]."""
+        return -np.einsum("ci,ci->c", self.origin, self.direction)
+
+    @cached_property
+    def foot(self) -> Real:
+        """[C, 3] that foot on the edge's line [m]."""
+        return self.origin + self.foot_z[:, None] * self.direction
+
+    @cached_property
+    def height(self) -> Real:
+        """[C] h, its distance from the origin [m]."""
+        return lengths(self.foot)
+
+    @cached_property
+    def angle(self) -> Real:
+        """[C] phi of the origin from the first face [rad]."""
+        towards = -unit(self.foot)
+        normal, into = (np.einsum("ci,ci->c", towards, axes[:, 0]) for axes in (self.normal, self.into))
+        return np.arctan2(normal, into)
+
+    @cached_property
+    def beside(self) -> Real:
+        """[C] how far along the edge the corner begins from the foot [m]; 0 where the foot lies on it."""
+        return np.clip(self.foot_z, *self.extent()) - self.foot_z
 
     def take(self, index: NDArray) -> CornerEdges:
         """The corners at these rising indices, or where a mask is true, with their strips."""
@@ -82,17 +107,22 @@ class CornerEdges(Placed):
         np.maximum.at(high, self.corner_of_strip, self.strips[:, 1])
         return low, high
 
-    def within(self, distance_m: float) -> CornerEdges:
-        """The corners of which a part lies nearer than this to the origin [m]: in the radar frame, those in range."""
-        low, high = self.extent()
-        nearest = np.clip(-np.einsum("ci,ci->c", self.origin, self.direction), low, high)
-        return self.take(np.linalg.norm(self.origin + nearest[:, None] * self.direction, axis=1) < distance_m)
+    def nearest(self) -> Real:
+        """[C, 3] the point of each edge that lies nearest to the origin [m]."""
+        return self.foot + self.beside[:, None] * self.direction
 
     @cached_property
     def _joined_faces(self) -> tuple[Index, int]:
         """Numbers of the pairs of faces that make corners, rising, and what the lower face counts in them."""
         count, pairs = int(self.face_of_triangle.max(initial=-1)) + 1, np.sort(self.face, axis=1)
         return np.sort(pairs[:, 0] * count + pairs[:, 1]), count
+
+    def hold(self, triangles: Index) -> Mask:
+        """[n] whether of the faces of triangles [n, m] each pair makes a corner."""
+        joined = np.ones(len(triangles), dtype=bool)
+        for one, other in combinations(triangles.T, 2):
+            joined &= self.joins(one, other)
+        return joined
 
     def joins(self, triangle: Index, other: Index) -> Mask:
         """[n] whether two triangles [n] each belong to the two faces of one corner."""
@@ -106,34 +136,32 @@ class CornerEdges(Placed):
 
 def corners_of(merged_scene: MergedScene) -> CornerEdges:
     """All corners of a merged scene at its time, found once; those of bodies that turn for each time."""
-    found = _found(merged_scene.shapes)
-    velocity, shift = motions_of(merged_scene, found.face_mesh[:, 0])
-    return replace(found, velocity=velocity, shift=shift)
+    found = _found_edges(merged_scene.shapes)
+    return found.moving_with(merged_scene, found.face_mesh[:, 0])
 
 
 @found_once
-def _found(merged_scene: MergedScene) -> CornerEdges:
+def _found_edges(merged_scene: MergedScene) -> CornerEdges:
     face_of_triangle = np.full(len(merged_scene.mesh_of_triangle), -1)
     faces, before, placed = 0, 0, []
     for body in bodies_of(merged_scene):
-        own = _of_body(body)
+        own = _edges_of_body(body)
         numbers = np.where(own.face_of_triangle >= 0, own.face_of_triangle + faces, -1)
         face_of_triangle[body.source] = numbers
         face_of_triangle[body.doubles[:, 0]] = numbers[body.doubles[:, 1]]  # a double is of the face that it lies on
         placed.append(replace(own, face=own.face + faces, corner_of_strip=own.corner_of_strip + before))
         faces += int(own.face_of_triangle.max(initial=-1)) + 1
         before += len(own)
-    return CornerEdges.joined(
+    return CornerEdges.of_bodies(
         placed,
         strips=one_after_another([own.strips for own in placed]),
         corner_of_strip=one_after_another([own.corner_of_strip for own in placed]),
         face_of_triangle=face_of_triangle,
-        counts=counts_of([own.counts for own in placed]),
     )
 
 
 @found_once
-def _of_body(body: Body) -> CornerEdges:
+def _edges_of_body(body: Body) -> CornerEdges:
     """The corners of one body, whose faces and triangles count from 0."""
     faces, triangles = planar_faces_of(body), body.corners
     origin, along, across = _lines(faces, triangles)
@@ -197,24 +225,95 @@ def _runs(pair: Index, sides: Real, pieces: Real, turned: Mask) -> tuple[Index, 
     return np.cumsum(begins) - 1, np.flatnonzero(begins)
 
 
-@compiled()
-def all_strips(triangles, order, starts, pairs, origin, along, across):
-    """The strips [S, 6] of all four quarters of every pair, with the pair [S] and the sides [S, 2] of each."""
-    found, owner, sides = np.zeros((1024, 6)), np.zeros(1024, dtype=np.int64), np.zeros((1024, 2))
-    count = 0
-    for p in range(len(pairs)):
-        one, other = pairs[p]
-        first = flattened(triangles, order[starts[one] : starts[one + 1]], origin[p], along[p], across[p, 0])
-        second = flattened(triangles, order[starts[other] : starts[other + 1]], origin[p], along[p], across[p, 1])
-        for quarter in range(4):
-            side_first, side_second = 1.0 - 2.0 * (quarter // 2), 1.0 - 2.0 * (quarter % 2)
-            pieces = strips(first, second, side_first, side_second)
-            while count + len(pieces) > len(found):
-                found, owner = np.concatenate((found, np.zeros_like(found))), np.concatenate((owner, owner))
-                sides = np.concatenate((sides, sides))
-            for s in range(len(pieces)):
-                for k in range(6):  # an assignment of rows takes 4 s to compile
-                    found[count, k] = pieces[s, k]
-                owner[count], sides[count, 0], sides[count, 1] = p, side_first, side_second
-                count += 1
-    return found[:count].copy(), owner[:count].copy(), sides[:count].copy()
+@dataclass(frozen=True)
+class CornerPoints(Placed):
+    """Q points.
+
+    :param apex: [Q, 3] [m]
+    :param axes: [Q, 3, 3] rows: unit vectors along the three edges, away from the apex; face i lies between the others
+    :param reach: [Q, 3, N] of face i in the directions (k + 1/2) 90 deg / N from edge i + 1 towards edge i + 2 [m]
+    :param off_square: [Q] largest difference of two edges from a right angle [rad]
+    :param face_mesh: [Q, 3] index into ``MergedScene.meshes``
+    :param object_index: [Q] index into ``MergedScene.objects`` of the first face
+    """
+
+    apex: Real = field(metadata=POINT)
+    axes: Real = field(metadata=DIRECTION)
+    reach: Real
+    off_square: Real
+    face_mesh: Index
+    object_index: NDArray[np.int32]
+
+    def nearest(self) -> Real:
+        """[Q, 3] the points themselves."""
+        return self.apex
+
+
+def points_of(merged_scene: MergedScene) -> CornerPoints:
+    """All trihedral corners of a merged scene at its time, found once; those of bodies that turn for each time."""
+    found = _found_points(merged_scene.shapes)
+    return found.moving_with(merged_scene, found.face_mesh[:, 0])
+
+
+@found_once
+def _found_points(merged_scene: MergedScene) -> CornerPoints:
+    return CornerPoints.of_bodies([_points_of_body(body) for body in bodies_of(merged_scene)])
+
+
+@found_once
+def _points_of_body(body: Body) -> CornerPoints:
+    """The corners of one body, of which all three faces are."""
+    faces, corners = planar_faces_of(body), body.corners
+    triples = np.array(_triples(faces.pairs), dtype=np.int64).reshape(-1, 3)
+    apex, edges = _apexes(faces, triples)
+    around = quarters(corners, *faces.members(), triples, apex, edges, faces.normal[triples])
+    number, signs, reach = _octants(around)
+    contact = {tuple(pair): triangles for pair, triangles in zip(faces.pairs.tolist(), faces.contact, strict=True)}
+    # Of each face the triangle at its edge with the next: (a, b) -> a, (b, c) -> b, (a, c) -> c.
+    triangle = np.array(
+        [[contact[a, b][0], contact[b, c][0], contact[a, c][1]] for a, b, c in triples[number].tolist()],
+        dtype=np.int64,
+    ).reshape(-1, 3)
+    axes = signs[:, :, None] * edges[number]
+    between = np.abs(np.einsum("qij,qij->qi", axes, np.roll(axes, 1, axis=1))).max(axis=1, initial=0.0)
+    return CornerPoints(
+        apex=apex[number],
+        axes=axes,
+        reach=reach,
+        off_square=np.arcsin(np.minimum(between, 1.0)),
+        face_mesh=body.mesh[triangle],
+        object_index=body.owner[triangle[:, 0]],
+        velocity=np.zeros((len(number), 3)),
+        shift=np.zeros((len(number), 3)),
+        counts={"corner_points": len(number)},
+    )
+
+
+def _triples(pairs: Index) -> list[tuple[int, int, int]]:
+    """Faces a < b < c of which each pair meets."""
+    above = defaultdict(set)
+    for one, other in pairs.tolist():
+        above[one].add(other)
+    return [(a, b, c) for a in sorted(above) for b in sorted(above[a]) for c in sorted(above[a] & above.get(b, set()))]
+
+
+def _apexes(faces: PlanarFaces, triples: Index) -> tuple[Real, Real]:
+    """The points [M, 3] in which three faces meet, and unit vectors [M, 3, 3] along the edges opposite to each face."""
+    normal, centre = faces.normal[triples], faces.centre[triples]
+    heights = np.einsum("mfi,mfi->mf", normal, centre - centre[:, :1])
+    edges = np.cross(np.roll(normal, -1, axis=1), np.roll(normal, -2, axis=1))
+    return centre[:, 0] + np.linalg.solve(normal, heights[..., None])[..., 0], unit(edges)
+
+
+def _octants(around: Real) -> tuple[Index, Real, Real]:
+    """The octants in which three faces meet: number of the triple [Q], signs of its edges [Q, 3], reach of its faces
+    [Q, 3, N]. Triple by triple.
+
+    :param around: [M, 3, 4, N], see :func:`.free_extent.quarters`
+    """
+    reversed_edges = np.array(list(product((0, 1), repeat=3)))  # [8, 3]
+    quarter = 2 * np.roll(reversed_edges, -1, axis=1) + np.roll(reversed_edges, -2, axis=1)
+    wide = around.max(axis=3) >= LEAST_REACH_M
+    number, octant = np.nonzero(wide[:, np.arange(3), quarter].all(axis=2))
+    reach = around[number[:, None], np.arange(3), quarter[octant]]
+    return number, 1.0 - 2.0 * reversed_edges[octant], reach
