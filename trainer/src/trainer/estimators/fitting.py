@@ -89,10 +89,12 @@ class RangePlace:
 
     :param centre_m: [B] range of each group's centre, above 0
     :param step_m: of a bin
+    :param walked: bins through which an echo may walk while the frame is recorded
     """
 
     centre_m: NDArray[np.float64]
     step_m: float
+    walked: float = 0.0
 
     def walk(self, array: LineArray) -> NDArray[np.float64]:
         """[C] w_c, by which an echo at u = 1 is displaced in each channel [bins]."""
@@ -128,7 +130,7 @@ def fit_groups(
     :param candidates: as of :func:`fit_lines`
     """
     cells, bins = np.asarray(cells, np.complex128), np.asarray(bins, np.int64)
-    model = _model(array, bins, test.first, test.further, place.walk(array))
+    model = _model(array, bins, test.first, test.further, place)
     thermal = row_powers(test.noise_power, len(cells))
     white = whitening(bins)
     whitened = np.einsum("mn,bnc->bmc", white * alternating(bins), cells)
@@ -210,9 +212,7 @@ def _response_table(bins: NDArray[np.integer]) -> NDArray[np.float64]:
     return table
 
 
-def _model(
-    array: LineArray, bins: NDArray[np.integer], first: float, further: float, walk: NDArray[np.float64]
-) -> Model:
+def _model(array: LineArray, bins: NDArray[np.integer], first: float, further: float, place: RangePlace) -> Model:
     """What the compiled fit is told of an array; thresholds in units of the noise."""
     most = max(min(MOST_LINES, array.channels // 2), 1)
     axis = uniform_axis(array, SEARCH_POINTS)
@@ -221,7 +221,7 @@ def _model(
     limit = np.where(freedom > 0, gammaincinv(0.5 * np.maximum(freedom, 1), 1.0 - RESIDUAL_TAIL), np.inf)
     return Model(
         phase=2.0 * np.pi / array.wavelength_m * array.positions_m,
-        walk=walk,
+        walk=place.walk(array),
         curve=array.bend_phase(np.ones(1))[0],
         window=_response_table(bins),
         cells=len(bins),
@@ -233,6 +233,7 @@ def _model(
         further=further,
         limit=limit,
         most=most,
+        walked=place.walked,
     )
 
 

@@ -35,6 +35,9 @@ with known noise):
 7. Where too much of a single bin is left still, the fit begins at the angle that takes most by itself, then at the
    next, with as many lines as there may be before the needless ones go: the cheapest stays.
 
+8. Two lines of a group of bins at one angle are one where that walks through the bins while the frame is recorded
+   (:func:`_as_they_walk`).
+
 Steps 6 and 7 find nothing more in a group of bins that is an echo: what its lines leave stands mostly beyond it.
 """
 
@@ -43,8 +46,8 @@ from __future__ import annotations
 import numpy as np
 
 from shared.physics.compiled import compiled
-from trainer.estimators.group_model import bounded, describe, energy_left
-from trainer.estimators.group_products import ONE, ZERO, Group, empty_work
+from trainer.estimators.group_model import bounded, describe, energy_left, least_squares
+from trainer.estimators.group_products import ONE, ZERO, Group, empty_work, evaluate
 from trainer.estimators.group_replacements import replaced
 from trainer.estimators.group_steps import (
     PRUNING_STEPS,
@@ -81,6 +84,12 @@ CHEAPEST = 4
 """Lines whose removal is tried, the others refined again: the cheapest at their places is seldom not among them."""
 DEAR = 20.0
 """Times the threshold: a line that costs so much more and has no neighbour is not tried without."""
+
+ONE_ANGLE = 0.1
+"""Resolution cells: so near are the lines that an echo's walk through the bins makes two of."""
+DISPLACED, WIDENED = 0.13, 0.05
+"""Most of the walk, and of its square, that a walking echo's mean place and variance may be: 0.106 and 0.036 at the
+edge of a Doppler cell, by the Hann window's response, and a little for noise."""
 
 
 @part
@@ -237,6 +246,43 @@ def _begin_elsewhere(model, group, place, lines, left, work):
 
 
 @part_of_one
+def _as_they_walk(model, group, place, lines, work):
+    """Lines, without those that a neighbour's walk through the range bins explains; how many.
+
+    An echo that walks m bins in the frame, at d cells from its Doppler cell's centre, has in place of h(x) the
+    transform over the sweep, nu from -1/2 to 1/2, of the window times H(d + m nu), H the Doppler window's response.
+    With log H in powers of m nu it is h displaced by -j m H'/(2 pi H), and widened as by a distribution of the variance
+    -m^2 (log H)''/(4 pi^2). The fit knows lines at real places alone, and lays two at one angle. Their amplitudes' mean
+    place and variance say whether they are such an echo's: H is told of cells' edges, and m of ``model.walked``.
+    """
+    evaluate(model, group, place, lines, work, ZERO)
+    least_squares(work, ZERO, 1 + group.coordinates, lines)
+    amplitude = work.amplitude
+    first = 1
+    while first < lines:
+        joined = False
+        for other in range(first):
+            if abs(place[first, 0] - place[other, 0]) > ONE_ANGLE * model.cell:
+                continue
+            apart, total = place[first, 1] - place[other, 1], amplitude[first] + amplitude[other]
+            share = amplitude[first] / total if abs(total) > 0.0 else 0.5 + 0.0j
+            spread = abs(share * (1.0 - share)) * apart**2
+            if abs(share.imag * apart) < DISPLACED * model.walked and spread < WIDENED * model.walked**2:
+                for axis in range(2):
+                    place[other, axis] += share.real * (place[first, axis] - place[other, axis])
+                amplitude[other] = total
+                joined = True
+                break
+        if not joined:
+            first += 1
+            continue
+        lines -= 1
+        amplitude[first] = amplitude[lines]
+        put(place, first, place[lines, 0], place[lines, 1])
+    return lines
+
+
+@part_of_one
 def _fit(model, group, given, place, work):
     """Fit one group from the angles ``given`` on; the number of lines, at ``place`` [most, 2]."""
     angle, offset, most = best_start(model, group, place, ZERO, work)
@@ -266,6 +312,8 @@ def _fit(model, group, given, place, work):
     lines, left = _improve(model, group, place, lines, left, work)
     if model.cells == 1:
         lines, left = _begin_elsewhere(model, group, place, lines, left, work)
+    else:
+        lines = _as_they_walk(model, group, place, lines, work)
     refine(model, group, place, lines, STEPS, work)
     return lines
 

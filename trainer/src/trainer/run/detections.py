@@ -159,6 +159,8 @@ def find_detections(
     further = line_threshold(array, min(sought.false_alarms / max(len(row), 1), FALSE_ALARM))
     test = GroupTest(sought.noise_power, sought.model_error_db, first, further)
     candidates = score_peaks(score, axis, CANDIDATES)
+    # At the span of its velocity axis, which is the most that one fold leaves open.
+    walked = waveform.chirps * waveform.bandwidth_hz / waveform.carrier_hz
     found, part = [], []
     for peaks_at, members in _patterns(peak, row, cells, new):
         bins = np.array(list(peaks_at))
@@ -168,7 +170,7 @@ def find_detections(
             np.stack([there[place] for place in places], axis=1) * straight[row[members], None]
             for there in (snapshots, *(() if seen.beside is None else seen.beside))
         )
-        at = RangePlace(range_m[row[members]], waveform.range_step_m)
+        at = RangePlace(range_m[row[members]], waveform.range_step_m, walked)
         fitted = fit_groups(values, bins, array, at, candidates[members], test)
         power = np.mean(np.abs(values) ** 2, axis=2)
         noise = with_model_error(sought.noise_power, power.max(axis=1), model_error_ratio(sought.model_error_db))
