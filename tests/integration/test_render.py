@@ -139,6 +139,16 @@ def test_rendering_from_traced_paths_gives_the_same_frames(dataset, radar_file, 
     assert shards(again) == shards(dataset)
     with pytest.raises(InputError, match="no traced paths"):
         run("render", "--paths", dataset, "--radar", radar_file, "--out", tmp_path / "other")
+    near, far = tmp_path / "near.toml", tmp_path / "far.toml"
+    for path, carrier in ((near, "78.5e9"), (far, "78.6e9")):  # 1.91 and 2.03 % from 77.2 GHz
+        path.write_text(radar_file.read_text().replace("[waveform]", f"[waveform]\ncarrier_hz = {carrier}"))
+    run("view", "--paths", tmp_path / "trace", "--radar", near, "--out", tmp_path / "near.html")
+    for command, out in (("render", "other"), ("view", "other.html")):
+        with pytest.raises(
+            InputError, match=r"traced at 77\.2 GHz, the radar has 78\.8 GHz .*; expected .* within 2 %"
+        ):
+            run(command, "--paths", tmp_path / "trace", "--radar", far, "--out", tmp_path / out)
+        assert not (tmp_path / out).exists()
 
 
 def test_what_cannot_fit_on_the_disk_is_refused_before_any_work(radar_file, tmp_path):

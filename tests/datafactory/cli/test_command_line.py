@@ -57,6 +57,20 @@ REFUSED = [
     ((*TINY, "--speed", "0:nan"), "--speed: 0:nan; expected A:B with 0 <= A <= B <= 100 m/s"),
     ((*TINY, "--speed", "0:5", "--poses", POSES), "--speed: beside --poses, which states them; expected one of them"),
     ((*TINY, "--speed", "0:5", "--trajectory", "drive:speed=5"), "--speed: beside --trajectory drive:speed=, which"),
+    *(
+        (("render", "--paths", "x", *given), f"{given[0]}: beside --paths: the trace has settled it; expected --paths")
+        for given in (
+            ("--variant", "a=b"),
+            ("--allow-missing",),
+            ("--materials", "x"),
+            ("--poses", POSES),
+            ("--frames", "8"),
+            ("--trajectory", "drive"),
+            ("--speed", "0:5"),
+            ("--rays", "50000"),
+            ("--depth", "3"),
+        )
+    ),
     (("points", "--seed", SEED), "Invalid value for '--seed': Input should be less than or equal to"),
     (("trace", "--scene", "x.usda", "--seed", SEED), "Invalid value for '--seed': Input should be less than"),
 ]

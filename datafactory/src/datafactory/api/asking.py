@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from datafactory.api.declared import taking
+from datafactory.api.declared import declared, taking
 from datafactory.api.options import (
     LoadOptions,
     MaterialsLike,
@@ -27,6 +27,7 @@ from datafactory.defaults import (
     CUDA,
     DEFAULT_BUDGET_DB,
     DEFAULT_DEPTH,
+    DEFAULT_FRAMES,
     DEFAULT_PATTERN,
     DEFAULT_RAYS,
     INSTALL_TORCH,
@@ -124,7 +125,6 @@ def speeds_of(asked: OrderOptions, drives: Drives | None) -> Speeds | None:
     if asked.speed is None:
         return None
     stated = {
-        "--paths": asked.paths is not None,
         "--poses": asked.poses is not None,
         "--trajectory FILE": asked.trajectory is not None and drives is None,
         "--trajectory drive:speed=": drives is not None and drives.speed_mps is not None,
@@ -193,6 +193,12 @@ def _lacking(tracing: bool, synthesis: bool) -> tuple[str, str] | None:
     return None if problem is None else (problem, f"{INSTALL_TORCH}; or --device cpu")
 
 
+SETTLED = (
+    "variant", "allow_missing", "populate", "materials", "poses", "trajectory", "frames", "speed", "rays", "depth",
+)  # fmt: skip
+"""Options of :class:`OrderOptions` that traced paths have settled: beside them they would change nothing."""
+
+
 def order_of(asked: OrderOptions, synthesis: bool = True) -> Order:
     """The order of a run.
 
@@ -203,13 +209,18 @@ def order_of(asked: OrderOptions, synthesis: bool = True) -> Order:
     scenes = scenes_of(asked.scenes, asked, asked.seed)
     if scenes and traced:
         raise InputError("--scene", "given together with --paths", "either --scene or --paths")
+    for item in declared(OrderOptions):
+        if traced and item.name in SETTLED and getattr(asked, item.name):
+            expected = f"--paths alone, or datafactory trace with {item.flag}"
+            raise InputError(item.flag, "beside --paths: the trace has settled it", expected)
     if asked.split is not None:
         parse_split_pattern(asked.split)
     poses, targets = poses_of(asked.poses), targets_of(asked.targets)
-    if asked.trajectory is not None and (asked.poses is not None or traced):
-        raise InputError("--trajectory", f"beside --{'paths' if traced else 'poses'}", "one of them")
+    if asked.trajectory is not None and asked.poses is not None:
+        raise InputError("--trajectory", "beside --poses", "one of them")
     tracks, drives = trajectory_of(asked.trajectory, asked.frame_rate)
-    frames = 0 if poses or tracks else asked.frames
+    drawn = DEFAULT_FRAMES if asked.frames is None else asked.frames
+    frames = 0 if poses or tracks else drawn
     of_scenes = bool(poses or tracks or frames)
     if of_scenes and not scenes and not traced:
         raise InputError("--scene", "missing", "a scene file or sionna:NAME, or --paths")
@@ -228,9 +239,9 @@ def order_of(asked: OrderOptions, synthesis: bool = True) -> Order:
         points=0 if targets else asked.points,
         seed=asked.seed,
         split=asked.split or (folder and folder.arguments.split) or DEFAULT_PATTERN,
-        poses=() if traced else poses,  # stored rows have their own
+        poses=poses,
         tracks=tracks,
-        drives=drives if asked.frames else None,
+        drives=drives if drawn else None,
         speed_mps=speeds_of(asked, drives),
         targets=targets,
         settings=ChainSettings(

@@ -31,12 +31,14 @@ from shared.dataset.locations import Location
 from shared.dataset.manifest import MANIFEST, ShardRecord, read_manifest, shard_records
 from shared.physics.errors import InputError
 from shared.radar import Radar, validated
+from shared.radar.waveform import Waveform
 from shared.signal.tdm import statement
 from shared.signal.windows import angle_window, point_spread
 
 
 class _Radar(BaseModel):
     front_end: dict[str, Any]
+    waveform: Waveform
 
 
 class _Trace(BaseModel):
@@ -97,6 +99,11 @@ class Order(Wanted):
         return replace(every, budget_db=self.budget_db, below_noise=self.settings.processing.noise)
 
 
+NEAR_WAVELENGTH = 0.02
+"""Of its wavelength, by which a radar may differ from that of a trace: levels of plates go as 1 / wavelength, so that
+this is 0.17 dB."""
+
+
 def stored_paths(
     folder: Location, radar: Radar, split: str | None, effects: EffectSet | None
 ) -> tuple[Traced, tuple[StoredRow, ...]]:
@@ -104,8 +111,8 @@ def stored_paths(
 
     :param split: pattern that is asked for; None for that of the trace
     :param effects: that are asked for; None for those that the paths were traced with
-    :raises InputError: a folder without traced paths, of another version or polarisation, or whose paths were traced
-        with other regions or without the effects that are asked for
+    :raises InputError: a folder without traced paths, of another version, polarisation or wavelength, or whose paths
+        were traced with other regions or without the effects that are asked for
     """
     path, manifest = folder / MANIFEST, read_manifest(folder)
     records = [record for record in shard_records(path, manifest) if record.path.startswith(f"{PATHS}/")]
@@ -119,10 +126,20 @@ def stored_paths(
         if before != wanted:
             problem = f"paths were traced with {end} = {before!r}, the radar has {wanted!r}"
             raise InputError(folder, problem, "the same polarisation, or datafactory trace with this radar")
+    _require_near_wavelength(folder, arguments.radar.waveform, radar.waveform)
     if effects is not None:
         _require_same_paths(folder, set(arguments.effects), set(effects.names))
     checksums = tuple(record.sha256 for record in records)
     return traced.model_copy(update={"checksums": checksums}), _rows(folder, records, len(traced.scenes))
+
+
+def _require_near_wavelength(folder: Location, traced: Waveform, wanted: Waveform) -> None:
+    """Amplitudes are brought to another wavelength; apertures, corners, edges and materials stay as traced."""
+    if abs(wanted.wavelength_m / traced.wavelength_m - 1.0) > NEAR_WAVELENGTH:
+        before, now = (f"{waveform.mid_sweep_hz / 1e9:.6g} GHz" for waveform in (traced, wanted))
+        problem = f"paths were traced at {before}, the radar has {now} in the middle of its sweep"
+        expected = f"a wavelength within {100 * NEAR_WAVELENGTH:g} %, or datafactory trace with this radar"
+        raise InputError(folder, problem, expected)
 
 
 def _rows(folder: Location, records: Sequence[ShardRecord], scenes: int) -> tuple[StoredRow, ...]:
