@@ -11,9 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from factory_command import but_made, run, shards
+from town_scenes import flat, sheet
 
 from datafactory.api.asking import order_of
 from datafactory.api.forecasting import forecast
+from datafactory.api.making import render
 from datafactory.api.options import OrderOptions
 from datafactory.frame.chain import FRAMES_WITH
 from datafactory.frame.deal import frame_seed
@@ -22,6 +24,7 @@ from datafactory.run import portions
 from datafactory.run.preparation import prepare
 from datafactory.run.progress import claimed
 from datafactory.scenes.materials.table import load_materials
+from datafactory.scenes.scene import Scene
 from shared.dataset import arrow_schema
 from shared.dataset.folder import open_dataset, verify
 from shared.dataset.reading import open_shard, read_description
@@ -157,6 +160,14 @@ def test_what_cannot_fit_on_the_disk_is_refused_before_any_work(radar_file, tmp_
     ):
         run("points", "--frames", 1_000_000_000, "--radar", radar_file, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_ground_too_small_for_a_split_is_refused_before_the_run_begins(radar_file, tmp_path):
+    yard = Scene("yard", (sheet("floor", (0.0, 12.0), (0.0, 8.0), flat),))
+    with pytest.raises(InputError, match="yard: no free ground is left for validation"):
+        render(yard, tmp_path / "out", radar=radar_file, frames=7, rays=100)
+    assert not (tmp_path / "out").exists()
+    assert render(yard, tmp_path / "out", radar=radar_file, frames=1, rays=100).frames == 1
 
 
 def test_traced_paths_keep_their_split(radar_file, tmp_path):
