@@ -5,9 +5,10 @@ The commands and the functions of :mod:`datafactory` share it, so that both refu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 from datafactory.api.declared import declared, taking
 from datafactory.api.options import (
@@ -55,6 +56,8 @@ from shared.dataset.locations import locate
 from shared.physics.errors import InputError
 from shared.radar import Radar, load_radar
 
+T = TypeVar("T")
+
 
 @taking(LoadOptions)
 def load_scene(asked: LoadOptions) -> Scene:
@@ -79,10 +82,18 @@ def radar_of(radar: RadarLike) -> Radar:
 
 
 def poses_of(poses: PosesLike | None) -> tuple[Pose, ...]:
-    """:raises InputError: a file that is unreadable or wrong"""
+    """:raises InputError: a file that is unreadable or wrong, or what is no pose"""
     if poses is None:
         return ()
-    return read_poses(Path(poses)) if isinstance(poses, str | Path) else tuple(poses)
+    return read_poses(Path(poses)) if isinstance(poses, str | Path) else _each(Pose, poses, "--poses")
+
+
+def _each(kind: type[T], values: object, option: str) -> tuple[T, ...]:
+    """:raises InputError: no sequence, or one of anything else"""
+    found = tuple(values) if isinstance(values, Iterable) else None
+    for wrong in (values,) if found is None else (item for item in found if not isinstance(item, kind)):
+        raise InputError(option, repr(wrong), f"{kind.__name__} objects, or a file")
+    return found or ()
 
 
 def trajectory_of(
@@ -112,7 +123,7 @@ def _track_of(item: str | Path | Sequence[Pose], frame_rate: float | None) -> tu
     if not isinstance(item, str | Path):
         if frame_rate is not None:
             raise InputError("--frame-rate", "beside poses", "a file, whose rows it lies between")
-        return tuple(item)
+        return _each(Pose, item, "--trajectory")
     curve = read_track(Path(item))
     return curve.rows() if frame_rate is None else curve.resampled(frame_rate)
 
@@ -158,8 +169,10 @@ def scenes_of(
 
 
 def targets_of(targets: TargetsLike) -> tuple[PointTargets, ...]:
-    """:raises InputError: a file that is unreadable or wrong"""
-    return read_targets(Path(targets)) if isinstance(targets, str | Path) else tuple(targets)
+    """:raises InputError: a file that is unreadable or wrong, or what is no targets of a frame"""
+    if isinstance(targets, str | Path):
+        return read_targets(Path(targets))
+    return _each(PointTargets, targets, "--targets")
 
 
 def device_of(asked: str, tracing: bool, synthesis: bool) -> str:
