@@ -199,6 +199,11 @@ def prepare(order: Order, table: MaterialTable, announce: Announce = lambda line
         announce(said)
     opened = [scene if isinstance(scene, Scene) else open_scene(scene) for scene in order.scenes]
     scenes = tuple(prepared_scene(scene, table, announce) for scene in opened)
+    for scene in scenes:
+        if said := _beyond_sources(scene, order.radar):
+            announce(said)
+    if opened and (said := table.unmatched(sorted({item.material for scene in opened for item in scene.objects}))):
+        announce(said)
     deal = dealt(order, opened)
     for said in deal.remarks():
         announce(said)
@@ -315,6 +320,17 @@ def _named_in_vain(order: Order) -> str:
         return ""
     named = ", ".join(name for name in NO_CHOICE if name in order.effects.names)
     return f"--effects: {named} made no difference: simulated wherever something to work on is" if named else ""
+
+
+def _beyond_sources(scene: PreparedScene, radar: Radar) -> str:
+    """What to say of materials whose source does not reach the radar's frequency; "" without such."""
+    ghz = radar.waveform.mid_sweep_hz / 1e9
+    found = (
+        f"{item.name} ({item.valid_ghz[0]:g} to {item.valid_ghz[1]:g} GHz)"
+        for item in scene.materials.outside(radar.waveform.mid_sweep_hz)
+    )
+    named = ", ".join(found)
+    return f"{scene.name}: at {ghz:g} GHz the sources of these materials do not hold: {named}" if named else ""
 
 
 def _entry(scene: Scene, prepared: PreparedScene) -> dict[str, Any]:
