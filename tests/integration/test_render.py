@@ -19,12 +19,13 @@ from datafactory.api.making import render
 from datafactory.api.options import OrderOptions
 from datafactory.frame.chain import FRAMES_WITH
 from datafactory.frame.deal import frame_seed
-from datafactory.inspection.dataset import MEANINGS
+from datafactory.inspection.dataset import MEANINGS, told
 from datafactory.run import portions
 from datafactory.run.preparation import prepare
 from datafactory.run.progress import claimed
 from datafactory.scenes.materials.table import load_materials
-from datafactory.scenes.scene import Scene
+from datafactory.scenes.poses import Pose
+from datafactory.scenes.scene import PointTarget, Scene
 from shared.dataset import arrow_schema
 from shared.dataset.folder import open_dataset, verify
 from shared.dataset.reading import open_shard, read_description
@@ -168,6 +169,19 @@ def test_ground_too_small_for_a_split_is_refused_before_the_run_begins(radar_fil
         render(yard, tmp_path / "out", radar=radar_file, frames=7, rays=100)
     assert not (tmp_path / "out").exists()
     assert render(yard, tmp_path / "out", radar=radar_file, frames=1, rays=100).frames == 1
+
+
+def test_targets_beyond_the_unambiguous_range_are_said(radar_file, tmp_path):
+    """48 m of this radar: those of a list fold, those of a scene are left out."""
+    (tmp_path / "far.json").write_text('[[{"x": 60, "y": 0, "rcs_dbsm": 30}]]', encoding="utf-8")
+    said = run("points", "--targets", tmp_path / "far.json", "--radar", radar_file, "--out", tmp_path / "points")
+    assert "1 targets of a list beyond the unambiguous range, folded onto a nearer one" in said
+    yard = sheet("floor", (0.0, 12.0), (0.0, 8.0), flat)
+    scene = Scene("yard", (yard,), tuple(PointTarget(f"at {x}", (x, 4.0, 0.5), 30.0) for x in (40.0, 80.0)))
+    here, out = [Pose((6.0, 4.0, 0.5))], tmp_path / "scene"
+    report = render(scene, out, radar=radar_file, poses=here, rays=100, effects="all")
+    assert report.counts["targets_beyond_range"] == 1
+    assert "1 echo points of targets beyond the unambiguous range, left out" in told(report.counts, verbose=False)
 
 
 def test_traced_paths_keep_their_split(radar_file, tmp_path):
