@@ -161,8 +161,8 @@ def test_a_store_that_cannot_be_written_is_bad_input(server, radar_file):
 
 
 def test_traced_paths_lie_in_the_store_as_well(server, radar_file, tmp_path):
-    asked = ("--radar", radar_file, "--frames", 2, "--workers", 1)
-    traced = ("trace", SCENES / "tiny.usda", "--rays", 500, "--effects", "diffuse,noise", *asked)
+    asked = ("--radar", radar_file, "--workers", 1)
+    traced = ("trace", SCENES / "tiny.usda", "--frames", 2, "--rays", 500, "--effects", "diffuse,noise", *asked)
     for paths, data in ((str(tmp_path / "paths"), str(tmp_path / "data")), (server.uri("paths"), server.uri("data"))):
         done = command(*traced, "--out", paths)
         assert done.status == 0, done.err

@@ -11,17 +11,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 from factory_command import but_made, run, shards
+from town_scenes import flat, sheet
 
 from datafactory.api.asking import order_of
 from datafactory.api.forecasting import forecast
+from datafactory.api.making import render
 from datafactory.api.options import OrderOptions
 from datafactory.frame.chain import FRAMES_WITH
 from datafactory.frame.deal import frame_seed
-from datafactory.inspection.dataset import MEANINGS
+from datafactory.inspection.dataset import MEANINGS, told
 from datafactory.run import portions
 from datafactory.run.preparation import prepare
 from datafactory.run.progress import claimed
 from datafactory.scenes.materials.table import load_materials
+from datafactory.scenes.poses import Pose
+from datafactory.scenes.scene import PointTarget, Scene
 from shared.dataset import arrow_schema
 from shared.dataset.folder import open_dataset, verify
 from shared.dataset.reading import open_shard, read_description
@@ -139,6 +143,16 @@ def test_rendering_from_traced_paths_gives_the_same_frames(dataset, radar_file, 
     assert shards(again) == shards(dataset)
     with pytest.raises(InputError, match="no traced paths"):
         run("render", "--paths", dataset, "--radar", radar_file, "--out", tmp_path / "other")
+    near, far = tmp_path / "near.toml", tmp_path / "far.toml"
+    for path, carrier in ((near, "78.5e9"), (far, "78.6e9")):  # 1.91 and 2.03 % from 77.2 GHz
+        path.write_text(radar_file.read_text().replace("[waveform]", f"[waveform]\ncarrier_hz = {carrier}"))
+    run("view", "--paths", tmp_path / "trace", "--radar", near, "--out", tmp_path / "near.html")
+    for command, out in (("render", "other"), ("view", "other.html")):
+        with pytest.raises(
+            InputError, match=r"traced at 77\.2 GHz, the radar has 78\.8 GHz .*; expected .* within 2 %"
+        ):
+            run(command, "--paths", tmp_path / "trace", "--radar", far, "--out", tmp_path / out)
+        assert not (tmp_path / out).exists()
 
 
 def test_what_cannot_fit_on_the_disk_is_refused_before_any_work(radar_file, tmp_path):
@@ -147,6 +161,27 @@ def test_what_cannot_fit_on_the_disk_is_refused_before_any_work(radar_file, tmp_
     ):
         run("points", "--frames", 1_000_000_000, "--radar", radar_file, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_ground_too_small_for_a_split_is_refused_before_the_run_begins(radar_file, tmp_path):
+    yard = Scene("yard", (sheet("floor", (0.0, 12.0), (0.0, 8.0), flat),))
+    with pytest.raises(InputError, match="yard: no free ground is left for validation"):
+        render(yard, tmp_path / "out", radar=radar_file, frames=7, rays=100)
+    assert not (tmp_path / "out").exists()
+    assert render(yard, tmp_path / "out", radar=radar_file, frames=1, rays=100).frames == 1
+
+
+def test_targets_beyond_the_unambiguous_range_are_said(radar_file, tmp_path):
+    """48 m of this radar: those of a list fold, those of a scene are left out."""
+    (tmp_path / "far.json").write_text('[[{"x": 60, "y": 0, "rcs_dbsm": 30}]]', encoding="utf-8")
+    said = run("points", "--targets", tmp_path / "far.json", "--radar", radar_file, "--out", tmp_path / "points")
+    assert "1 targets of a list beyond the unambiguous range, folded onto a nearer one" in said
+    yard = sheet("floor", (0.0, 12.0), (0.0, 8.0), flat)
+    scene = Scene("yard", (yard,), tuple(PointTarget(f"at {x}", (x, 4.0, 0.5), 30.0) for x in (40.0, 80.0)))
+    here, out = [Pose((6.0, 4.0, 0.5))], tmp_path / "scene"
+    report = render(scene, out, radar=radar_file, poses=here, rays=100, effects="all")
+    assert report.counts["targets_beyond_range"] == 1
+    assert "1 echo points of targets beyond the unambiguous range, left out" in told(report.counts, verbose=False)
 
 
 def test_traced_paths_keep_their_split(radar_file, tmp_path):

@@ -216,6 +216,17 @@ def test_frames_that_are_looked_at_are_spread_over_the_run(own: range, chosen: t
     assert first_middle_last(own) == chosen
 
 
+def test_an_interrupted_sweep_says_that_it_is_not_kept(variant, radar, tmp_path, monkeypatch) -> None:
+    def interrupted(*arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    said = list[str]()
+    monkeypatch.setattr(budget, "measure_prices", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        settled(replace(order_of_two(radar), poses=(POSE,)), -15.0, MENU, said, tmp_path / "cache")
+    assert said[-1] == "tiny: what was measured of its accuracy is not kept, and will be measured again"
+
+
 def test_a_budget_needs_scenes(radar) -> None:
     with pytest.raises(InputError, match="--error-budget"):
         budget.settle(Order(radar=radar, points=3), load_materials(None), -30.0, MENU, print, lambda *a: None)

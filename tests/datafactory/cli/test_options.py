@@ -8,10 +8,12 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from datafactory.api.asking import order_of
 from datafactory.api.declared import HEADINGS, Option, Options, common, declared, taking
 from datafactory.api.making import render
-from datafactory.api.options import OrderOptions, RenderOptions, TraceOptions
+from datafactory.api.options import OrderOptions, RenderOptions, RunOptions, TraceOptions
 from datafactory.cli.app import app
+from datafactory.cli.making import next_step, typed
 from datafactory.cli.options import asking
 from shared.physics.errors import InputError
 
@@ -61,6 +63,9 @@ def test_a_function_has_the_names_the_defaults_and_the_texts() -> None:
     ("given", "message"),
     [
         ({"count": 9}, "--count: 9; expected 1 to 8"),
+        ({"count": "x"}, "--count: 'x'; expected 1 to 8"),
+        ({"count": [2]}, "--count: [2]; expected 1 to 8"),
+        ({"colour": 5}, "--colour: 5; expected one of red, blue"),
         ({"colour": "blu"}, "--colour: 'blu'; expected one of red, blue; did you mean 'blue'?"),
     ],
 )
@@ -80,6 +85,35 @@ def test_a_command_hands_on_what_was_stated_and_its_own_defaults() -> None:
     assert seen == [Drawing(count=2), Drawing(count=4, grid=False), Drawing(count=2, width=0.5)]
     assert CliRunner().invoke(program, ["--count", "9"]).exit_code == 2
     assert CliRunner().invoke(program, ["--told", "x"]).exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"poses": [{"position": [0, 0, 1]}]}, "--poses: {'position': [0, 0, 1]}; expected Pose objects, or a file"),
+        ({"poses": 5}, "--poses: 5; expected Pose objects, or a file"),
+        ({"trajectory": [5]}, "--trajectory: 5; expected Pose objects, or a file"),
+        ({"targets": [[1.0, 2.0]]}, "--targets: [1.0, 2.0]; expected PointTargets objects, or a file"),
+    ],
+)
+def test_a_list_of_something_else_is_refused(given: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        order_of(OrderOptions("tiny.usda", **given))  # type: ignore[arg-type]
+    assert str(caught.value) == message
+
+
+@pytest.mark.parametrize(
+    ("shard", "step"),
+    [
+        (None, "look:  'a b/c'"),
+        ("0/2", "next:  datafactory merge 'a b/c' --out ANOTHER_FOLDER, once all jobs are done"),
+    ],
+)
+def test_commands_to_come_are_typed_as_a_shell_takes_them(
+    shard: str | None, step: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    next_step(RunOptions("a b/c", shard=shard), f"look:  {typed('a b/c')}")
+    assert capsys.readouterr().out == f"{step}\n"
 
 
 def test_groups_share_what_they_have_in_common() -> None:

@@ -203,6 +203,34 @@ def test_the_target_attribute_calls_for_a_model_and_gives_it_the_prims_heading(t
     assert scene.content_hash() == open_scene(str(tmp_path / "stage.usda")).content_hash()
 
 
+def test_radar_attributes_that_nothing_reads_are_counted_and_told(tmp_path):
+    scene = read(
+        tmp_path,
+        """def Xform "pole" {
+            custom double radar:rcs_dbs = 3
+            def Cube "a" {
+                custom string radar:colour = "red"
+            }
+            def Cube "b" {
+                custom string radar:colour = "red"
+            }
+        }
+        def Cube "c" {
+            custom string radar:class = "car"
+            custom float radar:stature_m = 1.8
+        }
+        def Xform "walker" {
+            custom string radar:target = "pedestrian"
+            custom float radar:stature_m = 1.8
+        }""",
+    )
+    assert set(scene.warnings) == {
+        "1 attributes radar:rcs_dbs ignored: there is no such name; did you mean 'rcs_dbsm'?",
+        "2 attributes radar:colour ignored: there is no such name",
+        "1 attributes radar:stature_m ignored: their prim is no radar:target that has a model",
+    }
+
+
 def test_units_and_up_axis_turn_the_frame_and_leave_the_size(tmp_path):
     # Y up: forward is the prim's x, up its y. The prim heads for the stage's -z, which is the world's +y.
     body = """def Xform "post" {

@@ -18,6 +18,7 @@ from trainer.estimators import fitting, group_products
 from trainer.estimators.array import LineArray, uniform_axis
 from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.fitting import FittedLines, fit_lines, line_threshold, score_peaks
+from trainer.estimators.groups import DISPLACED, WIDENED
 from trainer.estimators.lines import bounded_energy_left, line_energy_left
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.moves import NEAR_CELLS, pairs_elsewhere, refit
@@ -254,6 +255,16 @@ def test_any_number_of_threads_gives_the_same_bytes() -> None:
     assert len({subprocess.run(command, env=each, stdout=subprocess.PIPE, check=True).stdout for each in many}) == 1
 
 
+def test_lines_are_joined_as_far_as_the_doppler_window_tells() -> None:
+    """Mean place and variance of a migrating echo, times powers of the migration, at the edge of a Doppler cell."""
+    edge, step = 0.5, 1e-3
+    log = np.log(fitting.hann_response(edge + step * np.arange(-1.0, 2.0)))
+    displaced = (log[0] - log[2]) / (2.0 * step) / (2.0 * np.pi)
+    widened = (2.0 * log[1] - log[0] - log[2]) / step**2 / (2.0 * np.pi) ** 2
+    assert displaced < DISPLACED < 1.3 * displaced
+    assert widened < WIDENED < 1.5 * widened
+
+
 def test_peaks_of_a_score_are_interpolated_and_come_largest_first() -> None:
     axis = np.linspace(-1.0, 1.0, 21)
     score = np.zeros((3, 21))
@@ -301,8 +312,9 @@ def test_bad_arguments_are_refused(changes: dict, text: str) -> None:
 def test_products_are_those_of_the_windows_and_their_derivatives_those_of_differences(bins: list[int]) -> None:
     array, step = ARRAYS["sparse6"], 1e-5
     at, channels, free = np.array(bins), array.channels, min(len(bins), 2)
-    walk = 0.5 * array.positions_m / 0.05
-    model, bend = fitting._model(array, at, 10.0, 10.0, walk), 1.0 / 3.0
+    place = fitting.RangePlace(np.array([3.0]), 0.05)
+    walk = place.walk(array)
+    model, bend = fitting._model(array, at, 10.0, 10.0, place), 1.0 / 3.0
     x = np.zeros((2, group_products.MOST_CELLS, channels))
     x[:, : len(bins)] = np.random.default_rng(3).standard_normal((2, len(bins), channels))
     group = group_products.Group(x, free, 1.0, 1.0, bend)

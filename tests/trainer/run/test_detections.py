@@ -311,7 +311,7 @@ def test_other_tools_get_files_from_the_command_line(tmp_path, form: str, files:
 
 def test_all_cells_of_a_cube_list_what_the_three_peaks_leave_out(tmp_path) -> None:
     """Twelve targets in one range bin at 9 m, where wave fronts are curved, each at its own Doppler cell."""
-    waveform = RADAR.waveform.model_copy(update={"chirps": 64, "max_range_m": 20.0})
+    waveform = RADAR.waveform.model_copy(update={"chirps": 64})
     radar = RADAR.model_copy(update={"waveform": waveform})
     u, cells = np.linspace(-0.6, 0.6, 12), np.arange(4, 64, 5)
     place = in_plane(np.full(12, 60.0 * waveform.range_step_m), u)
@@ -336,6 +336,31 @@ def test_all_cells_of_a_cube_list_what_the_three_peaks_leave_out(tmp_path) -> No
     assert sum(listed["peaks"]) <= 9  # three in each of the three range bins that see them
     assert all(listed["all"])
     assert len(found) <= 14
+
+
+@pytest.mark.parametrize("speed", [8.0, 11.0, 14.0])
+def test_an_echo_that_migrates_through_range_bins_is_one_line(tmp_path, speed: float) -> None:
+    """At 14 m/s it does by one bin; that velocity is folded. The sum of eq. (1), six echoes 40 dB over the noise."""
+    waveform = RADAR.waveform.model_copy(update={"samples": 256, "range_bins": 240})
+    radar, draw = RADAR.model_copy(update={"waveform": waveform}), np.random.default_rng(int(speed))
+    bins, u = np.arange(50.0, 230.0, 30.0) + draw.uniform(-0.5, 0.5, 6), draw.uniform(-0.6, 0.6, 6)
+    place = in_plane(bins * waveform.range_step_m, u)
+    rate = speed * draw.choice([-1.0, 1.0], 6) + draw.uniform(-0.5, 0.5, 6) * waveform.velocity_step_mps
+    velocity = place / np.linalg.norm(place, axis=1, keepdims=True) * rate[:, None]
+    start = place - 0.5 * waveform.chirps * waveform.chirp_interval_s * velocity
+    echo = if_signal(radar, start, velocity, np.full(6, amplitude_of(40.0, radar), complex))
+    noise = draw.standard_normal((*echo.shape, 2)).view(complex)[..., 0] * np.sqrt(0.5 * radar.sample_noise_power_w)
+    np.savez(tmp_path / "cube.npz", cube=(echo + noise).astype(np.complex64), radar=radar.model_dump_json())
+    for which in ("peaks", "all"):
+        request = PredictRequest(
+            tmp_path / "cube.npz", tmp_path / which, method="das", pictures=False, points=True,
+            listed=PointsRequest(cells=which),
+        )  # fmt: skip
+        predict(request, lambda _: None)
+        (found,) = pq.read_table(tmp_path / which / "images.parquet")["detections"].to_pylist()
+        strong = sorted((row for row in found if row["snr_db"] > 20.0), key=lambda row: row["range"])
+        np.testing.assert_allclose([row["range"] for row in strong], bins * waveform.range_step_m, atol=0.02)
+        np.testing.assert_allclose([row["u"] for row in strong], u, atol=2e-3)
 
 
 def test_shapes_that_do_not_fit_are_refused() -> None:

@@ -105,7 +105,11 @@ def settle(
             def sweep(path: Path) -> Prices:
                 name = scene.swept[0].scene.name
                 announce(f"{name}: measuring what accuracy costs, once; the result is kept as {path}")
-                return measure_prices(scene.swept, menu, advance)
+                try:
+                    return measure_prices(scene.swept, menu, advance)
+                except KeyboardInterrupt:
+                    announce(f"{name}: what was measured of its accuracy is not kept, and will be measured again")
+                    raise
 
             return cached(folder, _inputs(scene, {"menu": asdict(menu)}), Prices, sweep, announce)
 

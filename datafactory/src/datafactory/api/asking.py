@@ -5,11 +5,12 @@ The commands and the functions of :mod:`datafactory` share it, so that both refu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
-from datafactory.api.declared import taking
+from datafactory.api.declared import declared, taking
 from datafactory.api.options import (
     LoadOptions,
     MaterialsLike,
@@ -27,6 +28,7 @@ from datafactory.defaults import (
     CUDA,
     DEFAULT_BUDGET_DB,
     DEFAULT_DEPTH,
+    DEFAULT_FRAMES,
     DEFAULT_PATTERN,
     DEFAULT_RAYS,
     INSTALL_TORCH,
@@ -54,6 +56,8 @@ from shared.dataset.locations import locate
 from shared.physics.errors import InputError
 from shared.radar import Radar, load_radar
 
+T = TypeVar("T")
+
 
 @taking(LoadOptions)
 def load_scene(asked: LoadOptions) -> Scene:
@@ -78,10 +82,18 @@ def radar_of(radar: RadarLike) -> Radar:
 
 
 def poses_of(poses: PosesLike | None) -> tuple[Pose, ...]:
-    """:raises InputError: a file that is unreadable or wrong"""
+    """:raises InputError: a file that is unreadable or wrong, or what is no pose"""
     if poses is None:
         return ()
-    return read_poses(Path(poses)) if isinstance(poses, str | Path) else tuple(poses)
+    return read_poses(Path(poses)) if isinstance(poses, str | Path) else _each(Pose, poses, "--poses")
+
+
+def _each(kind: type[T], values: object, option: str) -> tuple[T, ...]:
+    """:raises InputError: no sequence, or one of anything else"""
+    found = tuple(values) if isinstance(values, Iterable) else None
+    for wrong in (values,) if found is None else (item for item in found if not isinstance(item, kind)):
+        raise InputError(option, repr(wrong), f"{kind.__name__} objects, or a file")
+    return found or ()
 
 
 def trajectory_of(
@@ -111,7 +123,7 @@ def _track_of(item: str | Path | Sequence[Pose], frame_rate: float | None) -> tu
     if not isinstance(item, str | Path):
         if frame_rate is not None:
             raise InputError("--frame-rate", "beside poses", "a file, whose rows it lies between")
-        return tuple(item)
+        return _each(Pose, item, "--trajectory")
     curve = read_track(Path(item))
     return curve.rows() if frame_rate is None else curve.resampled(frame_rate)
 
@@ -124,7 +136,6 @@ def speeds_of(asked: OrderOptions, drives: Drives | None) -> Speeds | None:
     if asked.speed is None:
         return None
     stated = {
-        "--paths": asked.paths is not None,
         "--poses": asked.poses is not None,
         "--trajectory FILE": asked.trajectory is not None and drives is None,
         "--trajectory drive:speed=": drives is not None and drives.speed_mps is not None,
@@ -158,8 +169,10 @@ def scenes_of(
 
 
 def targets_of(targets: TargetsLike) -> tuple[PointTargets, ...]:
-    """:raises InputError: a file that is unreadable or wrong"""
-    return read_targets(Path(targets)) if isinstance(targets, str | Path) else tuple(targets)
+    """:raises InputError: a file that is unreadable or wrong, or what is no targets of a frame"""
+    if isinstance(targets, str | Path):
+        return read_targets(Path(targets))
+    return _each(PointTargets, targets, "--targets")
 
 
 def device_of(asked: str, tracing: bool, synthesis: bool) -> str:
@@ -193,6 +206,12 @@ def _lacking(tracing: bool, synthesis: bool) -> tuple[str, str] | None:
     return None if problem is None else (problem, f"{INSTALL_TORCH}; or --device cpu")
 
 
+SETTLED = (
+    "variant", "allow_missing", "populate", "materials", "poses", "trajectory", "frames", "speed", "rays", "depth",
+)  # fmt: skip
+"""Options of :class:`OrderOptions` that traced paths have settled: beside them they would change nothing."""
+
+
 def order_of(asked: OrderOptions, synthesis: bool = True) -> Order:
     """The order of a run.
 
@@ -203,13 +222,18 @@ def order_of(asked: OrderOptions, synthesis: bool = True) -> Order:
     scenes = scenes_of(asked.scenes, asked, asked.seed)
     if scenes and traced:
         raise InputError("--scene", "given together with --paths", "either --scene or --paths")
+    for item in declared(OrderOptions):
+        if traced and item.name in SETTLED and getattr(asked, item.name):
+            expected = f"--paths alone, or datafactory trace with {item.flag}"
+            raise InputError(item.flag, "beside --paths: the trace has settled it", expected)
     if asked.split is not None:
         parse_split_pattern(asked.split)
     poses, targets = poses_of(asked.poses), targets_of(asked.targets)
-    if asked.trajectory is not None and (asked.poses is not None or traced):
-        raise InputError("--trajectory", f"beside --{'paths' if traced else 'poses'}", "one of them")
+    if asked.trajectory is not None and asked.poses is not None:
+        raise InputError("--trajectory", "beside --poses", "one of them")
     tracks, drives = trajectory_of(asked.trajectory, asked.frame_rate)
-    frames = 0 if poses or tracks else asked.frames
+    drawn = DEFAULT_FRAMES if asked.frames is None else asked.frames
+    frames = 0 if poses or tracks else drawn
     of_scenes = bool(poses or tracks or frames)
     if of_scenes and not scenes and not traced:
         raise InputError("--scene", "missing", "a scene file or sionna:NAME, or --paths")
@@ -228,9 +252,9 @@ def order_of(asked: OrderOptions, synthesis: bool = True) -> Order:
         points=0 if targets else asked.points,
         seed=asked.seed,
         split=asked.split or (folder and folder.arguments.split) or DEFAULT_PATTERN,
-        poses=() if traced else poses,  # stored rows have their own
+        poses=poses,
         tracks=tracks,
-        drives=drives if asked.frames else None,
+        drives=drives if drawn else None,
         speed_mps=speeds_of(asked, drives),
         targets=targets,
         settings=ChainSettings(

@@ -56,15 +56,21 @@ class Option:
     first: bool = False
 
     def check(self, flag: str, value: Any) -> None:
-        """:raises InputError: a value out of bounds, or none of the choices"""
+        """:raises InputError: a value out of bounds, or no number where there are bounds, or none of the choices"""
         if self.choices and value not in self.choices:
-            raise InputError(flag, repr(value), f"one of {', '.join(self.choices)}{meant(value, self.choices)}")
+            raise InputError(flag, repr(value), f"one of {', '.join(self.choices)}{meant(str(value), self.choices)}")
         bounded = (self.least, self.most) != (Option.least, Option.most)
-        if bounded and value is not None and not self.least <= value <= self.most:
+        if bounded and value is not None and not self._within_bounds(value):
             at_least = self.most == Option.most
             raise InputError(
                 flag, f"{value!r}", f"at least {self.least:g}" if at_least else f"{self.least:.12g} to {self.most:.12g}"
             )
+
+    def _within_bounds(self, value: Any) -> bool:
+        try:
+            return bool(self.least <= value <= self.most)
+        except (TypeError, ValueError):  # no number
+            return False
 
 
 class Declared(NamedTuple):

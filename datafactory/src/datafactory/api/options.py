@@ -66,7 +66,7 @@ SCENE = Option("USD, Mitsuba XML or mesh file, or shipped:NAME or sionna:NAME.",
                typed=str, flag="--scene", place="[SCENE]", first=True)
 SCENES = replace(SCENE, help=f"{SCENE.help[:-1]}; may be repeated.", typed=list[str], place="[SCENE]...",
                  python="One or several, or Scenes.")
-FRAMES = Option("Scene frames in total, dealt to the scenes in turn.", least=1, first=True)
+FRAMES = Option("Scene frames in total, dealt to the scenes in turn.", least=1, usual=DEFAULT_FRAMES, first=True)
 SEED = Option("Dataset seed: same seed, same bytes.", least=0, most=LARGEST_SEED, first=True)
 TARGETS = Option("JSON file of exactly these targets: one frame for each inner list.",
                  "Or the targets of each frame; in place of ``points`` drawn ones.", typed=Path)
@@ -144,7 +144,7 @@ class SensorOptions(PosedOptions):
 class DealOptions(Options, heading="Sampling"):
     """How many frames are drawn, from which seed, for which splits."""
 
-    frames: Annotated[int, FRAMES] = DEFAULT_FRAMES
+    frames: Annotated[int | None, FRAMES] = None
     seed: Annotated[int, SEED] = 0
     split: Annotated[str | None, Option(
         "Pattern train:validation:test over the frames.", "With ``paths`` that of their trace.",
@@ -233,7 +233,7 @@ class OrderOptions(DeviceOptions, OutputOptions, SignalOptions, EffectOptions, S
                    StoredOptions, ScenesOptions, heading="Sampling"):
     """What an order is made of."""
 
-    frames: Annotated[int, replace(FRAMES, least=0)] = DEFAULT_FRAMES
+    frames: Annotated[int | None, replace(FRAMES, least=0)] = None
     points: Annotated[int, Option(
         "Close-target frames to add.", "Without scenes these are None, and ``frames`` 0.", least=0)] = 0
     targets: Annotated["TargetsLike", replace(TARGETS, shown=False)] = ()
@@ -249,7 +249,7 @@ class TraceOptions(TellingOptions, RunOptions, EffectOptions, SamplingOptions, S
 
 
 class PointsOptions(RunOptions, OutputOptions, SignalOptions, DealOptions, RadarOptions):
-    frames: Annotated[int, replace(FRAMES, help="Frames of randomly drawn close targets.")] = DEFAULT_FRAMES
+    frames: Annotated[int, Option("Frames of randomly drawn close targets.", least=1, first=True)] = DEFAULT_FRAMES
     targets: Annotated["TargetsLike", TARGETS] = ()
 
 

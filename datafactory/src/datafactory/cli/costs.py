@@ -36,6 +36,8 @@ def plan(
     from datafactory.effects.plan import draw
     from shared.dataset.writing import write_json
 
+    if out is not None:
+        _require_folder(out)
     console = plain_console(stderr=as_json)
     with shown(console, transient=True) as advance:
         planned = plan_of(**{**vars(asked), "announce": console.print, "progress": advance})
@@ -56,6 +58,13 @@ def plan(
         console.print(f"{looked}; every frame of a run decides for itself")
         if item.proof is not None:
             console.print(item.proof.sentence())
+
+
+def _require_folder(out: Path) -> None:
+    """:raises InputError: a file stands where the folder is to be"""
+    there = next(path for path in (out, *out.parents) if path.exists())
+    if not there.is_dir():
+        raise InputError("--out", f"{there} is a file", "a folder")
 
 
 def _effects(document: dict[str, Any]) -> Table:
@@ -90,13 +99,11 @@ def accuracy(asked: AccuracyOptions) -> None:
     # As many frames are drawn as of a run, of which the first are measured; rays and depth are varied.
     order = order_of(common(OrderOptions, asked, scenes=scene, frames=DEFAULT_FRAMES, rays=None))
     menu = study.menu_of_study(quick, asked.rays, asked.most_rays, order.radar)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except FileExistsError:
-        raise InputError("--out", f"{out} is a file", "a folder") from None
+    _require_folder(out)
     set_threads(1)
     count = min(1 if quick else asked.frames, len(order.poses) or IMAGE_BATCH)
     job = prepare(order, materials_of(asked.materials), console.print).job
+    out.mkdir(parents=True, exist_ok=True)
     samples = [Sample(job.deal.frame(frame_id), job.scenes[0], order) for frame_id in range(count)]
     batch = 1 if quick else IMAGE_BATCH
     with shown(console) as progress:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -131,7 +132,8 @@ def inspect(asked: InspectOptions) -> None:
     for item in _tables(summary):
         console.print(item)
     if not dataset.splits:
-        console.print(f"traced paths and no frames; next: datafactory render --paths {dataset.path} --out OTHER")
+        typed = shlex.quote(str(dataset.path))
+        console.print(f"traced paths and no frames; next: datafactory render --paths {typed} --out OTHER")
     if asked.frames and dataset.splits:
         folder = asked.out or _picture_folder(dataset)
         if asked.out is None and not isinstance(dataset.path, Path):

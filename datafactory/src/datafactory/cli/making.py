@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, TypeAlias
@@ -52,7 +53,7 @@ def render(
             typer.echo(line)
         return
     _run(partial(making.render, **vars(asked)), verbose)
-    next_step(asked, f"look:  datafactory inspect {asked.out}")
+    next_step(asked, f"look:  datafactory inspect {typed(asked.out)}")
 
 
 @asking(PointsOptions)
@@ -62,7 +63,7 @@ def points(asked: PointsOptions, verbose: Verbose = False) -> None:
 
     given = {**vars(asked), "scenes": None, "frames": 0, "points": asked.frames}
     _run(partial(making.render, **given), verbose)
-    next_step(asked, f"look:  datafactory inspect {asked.out}")
+    next_step(asked, f"look:  datafactory inspect {typed(asked.out)}")
 
 
 @asking(TraceOptions)
@@ -74,7 +75,7 @@ def trace(asked: TraceOptions, verbose: Verbose = False) -> None:
     from datafactory.api import making
 
     _run(partial(making.trace, **vars(asked)), verbose)
-    next_step(asked, f"next:  datafactory render --paths {asked.out} --out ANOTHER_FOLDER")
+    next_step(asked, f"next:  datafactory render --paths {typed(asked.out)} --out ANOTHER_FOLDER")
 
 
 @asking(MergeOptions)
@@ -86,7 +87,7 @@ def merge(asked: MergeOptions, verbose: Verbose = False) -> None:
     from datafactory.api import making
 
     _run(partial(making.merge, **vars(asked)), verbose)
-    typer.echo(f"look:  datafactory inspect {asked.out}")
+    typer.echo(f"look:  datafactory inspect {typed(asked.out)}")
 
 
 @asking(ConvertOptions)
@@ -156,11 +157,16 @@ def next_step(asked: RunOptions, step: str) -> None:
     :param step: what comes next of a run in one piece
     """
     if asked.shard is not None:
-        step = f"next:  datafactory merge {asked.out} --out ANOTHER_FOLDER, once all jobs are done"
+        step = f"next:  datafactory merge {typed(asked.out)} --out ANOTHER_FOLDER, once all jobs are done"
     if asked.shard is not None and "://" in str(asked.out):
         copy = f"copy {asked.out} to a local FOLDER; datafactory merge FOLDER --out DIR"
         step = f"next:  once all jobs are done, {copy}"
     typer.echo(step)
+
+
+def typed(path: object) -> str:
+    """A path as a shell takes it."""
+    return shlex.quote(str(path))
 
 
 def _place(text: str) -> tuple[float, float]:

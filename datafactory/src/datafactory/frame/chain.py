@@ -27,6 +27,7 @@ from datafactory.frame.measurement import (
     measure,
     object_targets,
     plainly,
+    targets_beyond,
 )
 from datafactory.frame.points import CloseTargets, draw_close_targets
 from datafactory.paths.backend import select_variant
@@ -193,7 +194,8 @@ def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
         effects = {**path_effects(paths), **settings.signal_effects(radar)}
         boxes, boxed = boxes_of(traced.things, paths, radar)
         paths = at("prune", pruned, paths, radar, settings.prune_db)
-        pose, known = traced.pose, object_targets(paths, len(paths.objects) - traced.point_targets, radar)
+        first = len(paths.objects) - traced.point_targets
+        pose, known = traced.pose, object_targets(paths, first, radar)
         frame = Frame(
             traced.frame_id, "scene", traced.scene, traced.seed, pose.position, pose.velocity, pose.quaternion(),
             targets=known, boxes=boxes, time=pose.time_s, sequence=traced.sequence,
@@ -201,6 +203,7 @@ def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
         counted = {
             **lit_cells(paths, radar),
             **boxed,
+            "targets_beyond_range": targets_beyond(traced.table, first, radar),
             **{f"{FRAMES_WITH}{name}": int(on) for name, on in effects.items()},
         }
     found = measure(frame, paths, radar, settings.processing, at, kernels_on(settings.device))

@@ -18,7 +18,7 @@ from scipy.ndimage import maximum_filter
 
 from datafactory.frame.deal import generator
 from datafactory.frame.points import target_list
-from datafactory.paths.table import PathTable
+from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.scenes.boxes import SeenThing
 from datafactory.scenes.motion import triple
 from datafactory.synthesis.cube import ON_CPU, Kernels
@@ -151,8 +151,7 @@ def image(
 
 def object_targets(paths: PathTable, first_object: int, radar: Radar) -> tuple[Target, ...]:
     """The point targets among illuminated paths: those that scatter off objects from ``first_object`` on."""
-    scattered = paths.scattered
-    chosen = scattered.take((scattered.object_index >= first_object) & (scattered.depth == 1))
+    chosen = paths.scattered.take(_of_targets(paths.scattered, first_object))
     return target_list(
         chosen.rx_point,
         chosen.rx_velocity,
@@ -160,6 +159,17 @@ def object_targets(paths: PathTable, first_object: int, radar: Radar) -> tuple[T
         [paths.objects[index] for index in chosen.object_index],
         radar,
     )
+
+
+def targets_beyond(paths: PathTable, first_object: int, radar: Radar) -> int:
+    """How many echo points of point targets, see :func:`object_targets`, lie beyond the unambiguous range."""
+    beyond = paths.scattered.range_m() >= radar.waveform.unambiguous_range_m
+    return int(np.count_nonzero(beyond & _of_targets(paths.scattered, first_object)))
+
+
+def _of_targets(scattered: ScatteredPaths, first_object: int) -> NDArray[np.bool_]:
+    """[K] the direct echoes off objects from ``first_object`` on."""
+    return (scattered.object_index >= first_object) & (scattered.depth == 1)
 
 
 def detected_cells(magnitude: NDArray[np.float32], noise_power: float) -> NDArray[np.bool_]:

@@ -127,12 +127,17 @@ LEAST_RANGE_BINS = 3
 """The farthest group stands two bins before the last one."""
 
 
-def draw_close_targets(radar: Radar, settings: CloseTargets, generator: np.random.Generator) -> PointTargets:
-    """One frame of static close targets; the same generator state gives the same frame."""
-    positions, rcs, noise_db = [], [], float(power_to_db(cell_noise_power(radar)))
+def require_close_targets(radar: Radar) -> None:
+    """:raises InputError: a radar whose range axis has no room for them"""
     if radar.waveform.range_bins < LEAST_RANGE_BINS:
         problem = f"waveform.range_bins = {radar.waveform.range_bins} leaves no room for random close targets"
         raise InputError("--radar", problem, f"at least {LEAST_RANGE_BINS}, or --targets")
+
+
+def draw_close_targets(radar: Radar, settings: CloseTargets, generator: np.random.Generator) -> PointTargets:
+    """One frame of static close targets; the same generator state gives the same frame."""
+    positions, rcs, noise_db = [], [], float(power_to_db(cell_noise_power(radar)))
+    require_close_targets(radar)
     resolution, step = rayleigh_length(radar), radar.waveform.range_step_m
     farthest = min(settings.range_m[1], step * (radar.waveform.range_bins - 2))
     nearest = min(settings.range_m[0], 0.5 * farthest)

@@ -110,7 +110,8 @@ MEANINGS = {
     "target_echoes_silent": "echo points of targets that send nothing into this direction",
     "targets_in_near_field": "targets nearer than their cross section holds",
     "beyond_range": "paths beyond the unambiguous range, left out",
-    "folded_beyond_range": "targets of a list beyond the unambiguous range",
+    "folded_beyond_range": "targets of a list beyond the unambiguous range, folded onto a nearer one",
+    "targets_beyond_range": "echo points of targets beyond the unambiguous range, left out",
     "pruned": "paths left out because they hold too little of their range bin's power",
     "paths": "paths that the frames are made of",
     "paths_standing": "of these, those that do not move in the frame",
@@ -125,8 +126,11 @@ MEANINGS = {
 }
 """In words, by name; a name that is not here is told as it is."""
 
-ALARMING = ("frames_empty", "truncated", "targets_in_near_field", "converter_saturated")
-"""Told without being asked for: something may be wrong with the frames."""
+ALARMING = (
+    "frames_empty", "truncated", "targets_in_near_field", "folded_beyond_range", "targets_beyond_range",
+    "converter_saturated",
+)  # fmt: skip
+"""Told without being asked for: something may be wrong with the frames, or is not in them."""
 
 
 def told(counts: Mapping[str, float], verbose: bool) -> list[str]:

@@ -13,6 +13,8 @@ from dataclasses import dataclass, field, replace
 
 from datafactory.defaults import CPU, LOCAL, Announce, Progress
 from datafactory.effects.catalogue import ALL
+from datafactory.frame.deal import Deal
+from datafactory.frame.points import require_close_targets
 from datafactory.paths.free_extent import all_strips
 from datafactory.paths.trace import find_shapes
 from datafactory.run.memory import processes_ahead, require_room, workers_for
@@ -21,10 +23,12 @@ from datafactory.run.preparation import Order, Recipe, prepare
 from datafactory.run.progress import FinishedShard, begin, claimed, completed, fingerprint, finish, handed_over
 from datafactory.run.shards import ARGUMENT, ENTRY, ArrayJob, JobEntry, portions_of, provenance
 from datafactory.scenes.materials.table import MaterialTable
+from datafactory.scenes.poses import require_ground
 from datafactory.synthesis.doppler_moments import add_doppler_moments
 from shared.dataset import VERSION
 from shared.dataset.locations import Location
 from shared.physics.compiled import is_kept
+from shared.radar import Radar
 from shared.signal.tdm import statement
 
 
@@ -127,6 +131,18 @@ def produce(recipe: Recipe, execution: Execution, started: float) -> Report:
     return Report(directory, frames, len(made.shards), len(earlier.shards), counts, seconds)
 
 
+def _require_makeable(deal: Deal, radar: Radar) -> None:
+    """Refuse before the run begins what a frame in the middle of it would be refused for.
+
+    :raises InputError: no free ground for a pose that is to be drawn, no range bins for close targets
+    """
+    if deal.points:
+        require_close_targets(radar)
+    if deal.grounds and not deal.tracks:
+        for scene, split in dict.fromkeys((deal.scene_of(n), deal.split_of(n)) for n in range(deal.scene_frames)):
+            require_ground(deal.grounds[scene], split)
+
+
 def total_counts(finished: Sequence[FinishedShard]) -> dict[str, float]:
     """The manifest's ``counts``: those of the shards, in their order, added up."""
     counts: Counter[str] = Counter()
@@ -153,6 +169,7 @@ def render(order: Order, table: MaterialTable, execution: Execution) -> Report:
             jobs = execution.job.of if execution.job else 1
             require_room(execution.directory, math.ceil(len(order) / jobs), order.radar, order.settings.processing)
         recipe = prepare(order, table, execution.announce)
+        _require_makeable(recipe.job.deal, order.radar)
         load = recipe.job.load
         if execution.engine.name == LOCAL:
             execution = replace(execution, workers=workers_for(load, execution.workers, execution.announce))

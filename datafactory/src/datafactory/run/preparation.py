@@ -31,12 +31,14 @@ from shared.dataset.locations import Location
 from shared.dataset.manifest import MANIFEST, ShardRecord, read_manifest, shard_records
 from shared.physics.errors import InputError
 from shared.radar import Radar, validated
+from shared.radar.waveform import Waveform
 from shared.signal.tdm import statement
 from shared.signal.windows import angle_window, point_spread
 
 
 class _Radar(BaseModel):
     front_end: dict[str, Any]
+    waveform: Waveform
 
 
 class _Trace(BaseModel):
@@ -97,6 +99,11 @@ class Order(Wanted):
         return replace(every, budget_db=self.budget_db, below_noise=self.settings.processing.noise)
 
 
+NEAR_WAVELENGTH = 0.02
+"""Of its wavelength, by which a radar may differ from that of a trace: levels of plates go as 1 / wavelength, so that
+this is 0.17 dB."""
+
+
 def stored_paths(
     folder: Location, radar: Radar, split: str | None, effects: EffectSet | None
 ) -> tuple[Traced, tuple[StoredRow, ...]]:
@@ -104,8 +111,8 @@ def stored_paths(
 
     :param split: pattern that is asked for; None for that of the trace
     :param effects: that are asked for; None for those that the paths were traced with
-    :raises InputError: a folder without traced paths, of another version or polarisation, or whose paths were traced
-        with other regions or without the effects that are asked for
+    :raises InputError: a folder without traced paths, of another version, polarisation or wavelength, or whose paths
+        were traced with other regions or without the effects that are asked for
     """
     path, manifest = folder / MANIFEST, read_manifest(folder)
     records = [record for record in shard_records(path, manifest) if record.path.startswith(f"{PATHS}/")]
@@ -119,10 +126,20 @@ def stored_paths(
         if before != wanted:
             problem = f"paths were traced with {end} = {before!r}, the radar has {wanted!r}"
             raise InputError(folder, problem, "the same polarisation, or datafactory trace with this radar")
+    _require_near_wavelength(folder, arguments.radar.waveform, radar.waveform)
     if effects is not None:
         _require_same_paths(folder, set(arguments.effects), set(effects.names))
     checksums = tuple(record.sha256 for record in records)
     return traced.model_copy(update={"checksums": checksums}), _rows(folder, records, len(traced.scenes))
+
+
+def _require_near_wavelength(folder: Location, traced: Waveform, wanted: Waveform) -> None:
+    """Amplitudes are brought to another wavelength; apertures, corners, edges and materials stay as traced."""
+    if abs(wanted.wavelength_m / traced.wavelength_m - 1.0) > NEAR_WAVELENGTH:
+        before, now = (f"{waveform.mid_sweep_hz / 1e9:.6g} GHz" for waveform in (traced, wanted))
+        problem = f"paths were traced at {before}, the radar has {now} in the middle of its sweep"
+        expected = f"a wavelength within {100 * NEAR_WAVELENGTH:g} %, or datafactory trace with this radar"
+        raise InputError(folder, problem, expected)
 
 
 def _rows(folder: Location, records: Sequence[ShardRecord], scenes: int) -> tuple[StoredRow, ...]:
@@ -182,6 +199,11 @@ def prepare(order: Order, table: MaterialTable, announce: Announce = lambda line
         announce(said)
     opened = [scene if isinstance(scene, Scene) else open_scene(scene) for scene in order.scenes]
     scenes = tuple(prepared_scene(scene, table, announce) for scene in opened)
+    for scene in scenes:
+        if said := _beyond_sources(scene, order.radar):
+            announce(said)
+    if opened and (said := table.unmatched(sorted({item.material for scene in opened for item in scene.objects}))):
+        announce(said)
     deal = dealt(order, opened)
     for said in deal.remarks():
         announce(said)
@@ -298,6 +320,17 @@ def _named_in_vain(order: Order) -> str:
         return ""
     named = ", ".join(name for name in NO_CHOICE if name in order.effects.names)
     return f"--effects: {named} made no difference: simulated wherever something to work on is" if named else ""
+
+
+def _beyond_sources(scene: PreparedScene, radar: Radar) -> str:
+    """What to say of materials whose source does not reach the radar's frequency; "" without such."""
+    ghz = radar.waveform.mid_sweep_hz / 1e9
+    found = (
+        f"{item.name} ({item.valid_ghz[0]:g} to {item.valid_ghz[1]:g} GHz)"
+        for item in scene.materials.outside(radar.waveform.mid_sweep_hz)
+    )
+    named = ", ".join(found)
+    return f"{scene.name}: at {ghz:g} GHz the sources of these materials do not hold: {named}" if named else ""
 
 
 def _entry(scene: Scene, prepared: PreparedScene) -> dict[str, Any]:

@@ -178,6 +178,16 @@ def checked_speeds(speeds: Speeds) -> Speeds:
     return least, most
 
 
+def require_ground(ground: Ground, split: Split) -> None:
+    """:raises InputError: if the split's region has no free ground"""
+    if not len(ground.cells(split)):
+        raise InputError(
+            ground.scene,
+            f"no free ground is left for {split}: it is too small for three regions {ground.gap_m:.1f} m apart",
+            "a larger scene, another --split, or --poses FILE.json",
+        )
+
+
 def sample_pose(ground: Ground, split: Split, rng: np.random.Generator, speeds: Speeds = DRAWN_SPEEDS) -> Pose:
     """Draw a pose on the streets of a split's region, 0.5 m above the ground and tilted as it is.
 
@@ -193,13 +203,7 @@ def sample_pose(ground: Ground, split: Split, rng: np.random.Generator, speeds: 
     :param speeds: ends of the horizontal speed
     :raises InputError: if the split's region has no free ground
     """
-    cells = ground.cells(split)
-    if not len(cells):
-        raise InputError(
-            ground.scene,
-            f"no free ground is left for {split}: it is too small for three regions {ground.gap_m:.1f} m apart",
-            "a larger scene, another --split, or --poses FILE.json",
-        )
+    require_ground(ground, split)
     roads = ground.cells(split, road=True)
     kerbs = ground.cells(split, road=False)
     best: tuple[tuple[bool, float, float], float, float, float] | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -77,7 +78,7 @@ class Dataset:
     def _require_frames(self) -> None:
         """``datafactory trace`` writes shards under ``paths/`` alone."""
         if not self.splits:
-            made_by = f"datafactory render --paths {self.path} --out OTHER"
+            made_by = f"datafactory render --paths {shlex.quote(str(self.path))} --out OTHER"
             raise InputError(self.path, "holds traced paths and no frames", f"a dataset, as made by {made_by}")
 
 

@@ -89,12 +89,12 @@ class RangePlace:
 
     :param centre_m: [B] range of each group's centre, above 0
     :param step_m: of a bin
-    :param walked: bins through which an echo may walk while the frame is recorded
+    :param migration: bins through which an echo may migrate while the frame is recorded
     """
 
     centre_m: NDArray[np.float64]
     step_m: float
-    walked: float = 0.0
+    migration: float = 0.0
 
     def walk(self, array: LineArray) -> NDArray[np.float64]:
         """[C] w_c, by which an echo at u = 1 is displaced in each channel [bins]."""
@@ -233,7 +233,7 @@ def _model(array: LineArray, bins: NDArray[np.integer], first: float, further: f
         further=further,
         limit=limit,
         most=most,
-        walked=place.walked,
+        migration=place.migration,
     )
 
 

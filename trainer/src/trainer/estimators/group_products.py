@@ -64,8 +64,8 @@ class Model(NamedTuple):
     """[most + 1] energy in units of the noise below which nothing is added, by lines"""
     most: int
     """Lines of a group"""
-    walked: float
-    """Bins through which an echo may walk in a frame"""
+    migration: float
+    """Bins through which an echo may migrate in a frame"""
 
 
 class Work(NamedTuple):

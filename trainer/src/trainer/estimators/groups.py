@@ -35,8 +35,8 @@ with known noise):
 7. Where too much of a single bin is left still, the fit begins at the angle that takes most by itself, then at the
    next, with as many lines as there may be before the needless ones go: the cheapest stays.
 
-8. Two lines of a group of bins at one angle are one where that walks through the bins while the frame is recorded
-   (:func:`_as_they_walk`).
+8. Two lines of a group of bins at one angle are one where an echo makes them that migrates through the bins while the
+   frame is recorded (:func:`_migrating`).
 
 Steps 6 and 7 find nothing more in a group of bins that is an echo: what its lines leave stands mostly beyond it.
 """
@@ -86,10 +86,10 @@ DEAR = 20.0
 """Times the threshold: a line that costs so much more and has no neighbour is not tried without."""
 
 ONE_ANGLE = 0.1
-"""Resolution cells: so near are the lines that an echo's walk through the bins makes two of."""
+"""Resolution cells: so near are the lines that an echo's range migration makes two of."""
 DISPLACED, WIDENED = 0.13, 0.05
-"""Most of the walk, and of its square, that a walking echo's mean place and variance may be: 0.106 and 0.036 at the
-edge of a Doppler cell, by the Hann window's response, and a little for noise."""
+"""Times the migration, and its square: the most of the imaginary part of a migrating echo's mean place, and of its
+variance. Those at the edge of a cell of a Hann window are 0.106 and 0.036; a little is for noise."""
 
 
 @part
@@ -246,14 +246,15 @@ def _begin_elsewhere(model, group, place, lines, left, work):
 
 
 @part_of_one
-def _as_they_walk(model, group, place, lines, work):
-    """Lines, without those that a neighbour's walk through the range bins explains; how many.
+def _migrating(model, group, place, lines, work):
+    """The lines, two at one angle joined where one echo's range migration makes them; how many.
 
-    An echo that walks m bins in the frame, at d cells from its Doppler cell's centre, has in place of h(x) the
-    transform over the sweep, nu from -1/2 to 1/2, of the window times H(d + m nu), H the Doppler window's response.
-    With log H in powers of m nu it is h displaced by -j m H'/(2 pi H), and widened as by a distribution of the variance
-    -m^2 (log H)''/(4 pi^2). The fit knows lines at real places alone, and lays two at one angle. Their amplitudes' mean
-    place and variance say whether they are such an echo's: H is told of cells' edges, and m of ``model.walked``.
+    An echo that migrates by m bins in the frame, d cells from the centre of its Doppler cell, shows in place of h(x) as
+    the transform of the range window times H(d + m nu) over the sweep, nu from -1/2 to 1/2, with H the Doppler window's
+    response. By log H in powers of m nu that is h, displaced by -j m H' / (2 pi H) and widened as by a distribution of
+    the variance -m^2 (log H)'' / (4 pi^2). The fit knows real places alone, and lays two lines at one angle. Mean place
+    and variance of these, weighted by their amplitudes, say whether they are such an echo: m is at most
+    ``model.migration``, and |d| half a cell. Limit: two echoes at one angle that lie as near are one as well.
     """
     evaluate(model, group, place, lines, work, ZERO)
     least_squares(work, ZERO, 1 + group.coordinates, lines)
@@ -267,7 +268,7 @@ def _as_they_walk(model, group, place, lines, work):
             apart, total = place[first, 1] - place[other, 1], amplitude[first] + amplitude[other]
             share = amplitude[first] / total if abs(total) > 0.0 else 0.5 + 0.0j
             spread = abs(share * (1.0 - share)) * apart**2
-            if abs(share.imag * apart) < DISPLACED * model.walked and spread < WIDENED * model.walked**2:
+            if abs(share.imag * apart) < DISPLACED * model.migration and spread < WIDENED * model.migration**2:
                 for axis in range(2):
                     place[other, axis] += share.real * (place[first, axis] - place[other, axis])
                 amplitude[other] = total
@@ -313,7 +314,7 @@ def _fit(model, group, given, place, work):
     if model.cells == 1:
         lines, left = _begin_elsewhere(model, group, place, lines, left, work)
     else:
-        lines = _as_they_walk(model, group, place, lines, work)
+        lines = _migrating(model, group, place, lines, work)
     refine(model, group, place, lines, STEPS, work)
     return lines
 

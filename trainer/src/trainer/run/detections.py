@@ -82,7 +82,7 @@ LEAST_BIN = 1.0
 class Detections:
     """N detections, the strongest first.
 
-    :param range_m: [N] fitted where a neighbouring bin shows the target, else that of its bin [m]
+    :param range_m: [N] by the beat frequency, fitted where a neighbouring bin shows the target, else that of its bin [m]
     :param u: [N] sin(azimuth)
     :param velocity: [N] fitted where the cells beside its Doppler cell are known, else that cell's [m/s]
     :param amplitude_db: [N] of the line in its range-Doppler cell [dB re 1 sqrt(W)]
@@ -160,7 +160,7 @@ def find_detections(
     test = GroupTest(sought.noise_power, sought.model_error_db, first, further)
     candidates = score_peaks(score, axis, CANDIDATES)
     # At the span of its velocity axis, which is the most that one fold leaves open.
-    walked = waveform.chirps * waveform.bandwidth_hz / waveform.carrier_hz
+    migration = waveform.chirps * waveform.bandwidth_hz / waveform.carrier_hz
     found, part = [], []
     for peaks_at, members in _patterns(peak, row, cells, new):
         bins = np.array(list(peaks_at))
@@ -170,7 +170,7 @@ def find_detections(
             np.stack([there[place] for place in places], axis=1) * straight[row[members], None]
             for there in (snapshots, *(() if seen.beside is None else seen.beside))
         )
-        at = RangePlace(range_m[row[members]], waveform.range_step_m, walked)
+        at = RangePlace(range_m[row[members]], waveform.range_step_m, migration)
         fitted = fit_groups(values, bins, array, at, candidates[members], test)
         power = np.mean(np.abs(values) ** 2, axis=2)
         noise = with_model_error(sought.noise_power, power.max(axis=1), model_error_ratio(sought.model_error_db))

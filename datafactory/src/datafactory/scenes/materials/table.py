@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from importlib import resources
 from pathlib import Path
@@ -17,11 +17,15 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from datafactory.scenes.materials.reflectivity import scattering_coefficient_for_sigma0
-from shared.physics.errors import InputError
+from shared.physics.errors import InputError, meant
 from shared.radar import first_validation_error
 
 FREQUENCY_HZ = 77e9
 """Frequency of the table [Hz]."""
+
+SLOWLY = 0.02
+"""Of a frequency, beyond the range of a source: over so little the properties are taken not to change. The default
+radar's sweep ends at 78 GHz, and sources state 77."""
 
 BUILT_IN = "materials_77ghz.toml"
 
@@ -61,6 +65,15 @@ class MaterialMapping:
 
     def __getitem__(self, name: str) -> Material:
         return self.entries[name][0]
+
+    def outside(self, frequency_hz: float) -> tuple[Material, ...]:
+        """Its materials whose source does not reach this frequency, each once."""
+        ghz, materials = frequency_hz / 1e9, {material.name: material for material, _ in self.entries.values()}
+        return tuple(
+            item
+            for item in materials.values()
+            if not (1 - SLOWLY) * item.valid_ghz[0] <= ghz <= (1 + SLOWLY) * item.valid_ghz[1]
+        )
 
     def to_json(self) -> dict[str, Any]:
         """For the manifest: ``{"names": {name: {"material", "rule"}}, "materials": {material: {...}}, "unknown"}``."""
@@ -111,6 +124,14 @@ class MaterialTable:
                     if spelling in table:
                         return self.materials[table[spelling]], f"{rule} '{spelling}'"
         return self.materials[self.default], "default"
+
+    def unmatched(self, names: Collection[str]) -> str:
+        """What to say of names in the user's ``[map]`` that no material of the scenes has; "" without such."""
+        keys = [key for key in self.exact if key not in names]
+        near = "".join(meant(key, names) for key in keys)
+        return (
+            f"--materials: no material of the scenes has these names of [map]: {', '.join(keys)}{near}" if keys else ""
+        )
 
     def map_materials(self, names: Iterable[str]) -> MaterialMapping:
         """Look every name up once; repeated names are mapped once."""

@@ -34,6 +34,7 @@ from datafactory.scenes.readers.usd_labels import (
     UNLABELLED,
     Labelling,
     model_axes,
+    note_unread,
     occupied_below,
     prim_model,
     target_kind,
@@ -173,6 +174,7 @@ class _Reader:
         is_gprim, is_instancer = prim.IsA(UsdGeom.Gprim), prim.IsA(UsdGeom.PointInstancer)
         if inherited.purpose not in (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy):
             kind = target_kind(self._path, prim, self._start, inherited.targets_by_name)
+            note_unread(prim, kind, self._notes)
             if kind is not None or prim.HasAttribute("radar:rcs_dbsm"):
                 self._add_target(prim, inherited, kind)
                 return []

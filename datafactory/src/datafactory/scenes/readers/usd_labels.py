@@ -24,12 +24,13 @@ from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain
 from datafactory.scenes.motion import Vector, upright_axes
+from datafactory.scenes.readers.common import Notes
 from datafactory.scenes.readers.usd_motion import Frame, Transforms
 from datafactory.scenes.targets.bodies import Extent
 from datafactory.scenes.targets.models import MODELS, OPTIONS, ROAD_USERS, SIZES, RcsModel, target_model
 from datafactory.scenes.things import Label
 from datafactory.scenes.usd_library import Usd, UsdGeom, UsdSkel
-from shared.physics.errors import InputError
+from shared.physics.errors import InputError, meant
 
 EXEMPT = "none"
 _BY_NAME = re.compile(rf"({'|'.join(ROAD_USERS)})(?![a-z])", re.IGNORECASE)
@@ -101,6 +102,26 @@ def label_of(prim: Usd.Prim, frame: Frame, transforms: Transforms, straight: boo
     return Label(frame.name(prim), way, class_name)
 
 
+OF_PRIMS = ("class", "material", "rcs_dbsm", "target", "targets_by_name", "velocity")
+"""What any prim may state in the namespace ``radar:``."""
+OF_MODELS = (*SIZES, *OPTIONS)
+"""What a prim may state there that is the model of a target."""
+
+
+def note_unread(prim: Usd.Prim, kind: str | None, notes: Notes) -> None:
+    """Count the ``radar:`` attributes of a prim that nothing reads.
+
+    :param kind: the model that the prim calls for
+    """
+    for item in prim.GetAuthoredPropertiesInNamespace("radar"):
+        name = item.GetName().removeprefix("radar:")
+        if name not in (*OF_PRIMS, *OF_MODELS):
+            near = meant(name, (*OF_PRIMS, *OF_MODELS))
+            notes.count(f"# attributes radar:{name} ignored: there is no such name{near}")
+        elif name in OF_MODELS and kind is None:
+            notes.count(f"# attributes radar:{name} ignored: their prim is no radar:target that has a model")
+
+
 def target_kind(path: Path, prim: Usd.Prim, time: Usd.TimeCode, by_name: bool) -> str | None:
     """The model that a prim calls for, by attribute or else by name; None where it calls for none.
 
@@ -129,7 +150,7 @@ def prim_model(path: Path, prim: Usd.Prim, time: Usd.TimeCode, kind: str) -> Rcs
     :raises InputError: a size that is missing, not wanted, or no usable length
     """
     sizes = {}
-    for name in (*SIZES, *OPTIONS):
+    for name in OF_MODELS:
         if prim.HasAttribute(f"radar:{name}"):
             value = prim.GetAttribute(f"radar:{name}").Get(time)
             if isinstance(value, bool) or not isinstance(value, int | float):

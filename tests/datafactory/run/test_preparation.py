@@ -1,0 +1,37 @@
+"""What is said of an order's inputs as they are made ready."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from datafactory.api.asking import materials_of, order_of
+from datafactory.api.options import OrderOptions
+from datafactory.run.preparation import prepare
+from shared.radar import Radar
+
+TINY = Path(__file__).parents[3] / "scenes" / "tiny.usda"
+MAP = '[map]\n"bricks" = "glass"\n"brick" = "glass"\n"M_42" = "glass"\n'
+
+
+def said_of(radar: Radar, materials: Path | None = None) -> list[str]:
+    said = list[str]()
+    prepare(order_of(OrderOptions(TINY, radar=radar, frames=1)), materials_of(materials), said.append)
+    return said
+
+
+@pytest.mark.parametrize(("carrier_hz", "outside"), [(77e9, ""), (24e9, "(76 to 81 GHz)"), (97e9, "(76 to 81 GHz)")])
+def test_materials_beyond_the_range_of_their_source_are_named(carrier_hz: float, outside: str) -> None:
+    radar = Radar()
+    radar = radar.model_copy(update={"waveform": radar.waveform.model_copy(update={"carrier_hz": carrier_hz})})
+    said = [line for line in said_of(radar) if "the sources of these materials do not hold" in line]
+    assert len(said) == bool(outside)
+    assert all(line.startswith(f"tiny: at {carrier_hz / 1e9 + 0.5:g} GHz") and outside in line for line in said)
+
+
+def test_names_of_map_that_no_scene_has_are_said(tmp_path: Path) -> None:
+    (tmp_path / "materials.toml").write_text(MAP, encoding="utf-8")
+    line = "--materials: no material of the scenes has these names of [map]: bricks, M_42; did you mean 'brick'?"
+    assert line in said_of(Radar(), tmp_path / "materials.toml")
+    assert not any("[map]" in line for line in said_of(Radar()))
