@@ -111,8 +111,9 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
         schema, count = _schema(answer, listed), 0
         if request.points and not is_kept(fit_in_turn):
             announce("the line fit is compiled for this machine, once; that takes about half a minute")
-        if said := statement(answer.radar):
-            announce(said)
+        for said in (statement(answer.radar), measurements.remark):
+            if said:
+                announce(said)
         lists: list[tuple[int, Detections]] = []
         drawn: Future[None] | None = None
         with (
