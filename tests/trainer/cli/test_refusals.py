@@ -134,6 +134,9 @@ PREDICT = [
     ("{cube} --method iaa --velocity 1,2,3", "--velocity: '1,2,3'"),
     ("{cube} --method iaa --velocity nan,0", "--velocity: (nan, 0.0), yaw 0.0"),
     ("{cube} --method iaa --mounting-yaw 30", "--mounting-yaw: without --velocity"),
+    ("{cube} --method iaa --velocity 3,0", "--velocity: without --points, and 'iaa' uses no velocity"),
+    ("{run} {data} --velocity 3,0", "--velocity: without --points, and 'unrolled' uses no velocity"),
+    ("{cube} --method iaa --radar {here}/radar.toml", "--radar: '{here}/radar.toml' beside a .npz; expected no"),
 ]
 EXPORT = [
     ("none --out o.onnx", "none: no run.json"),

@@ -134,11 +134,13 @@ def write_cube(path: Path, cube: NDArray[np.complexfloating], radar: Radar, capt
 def read_cube(path: Path, radar: str | None) -> CubeFile:
     """A cube with its radar, checked.
 
-    :param radar: a preset or TOML file, which a ``.npy`` needs and which goes before the one in a ``.npz``
+    :param radar: a preset or TOML file, of a ``.npy`` alone
     :raises InputError: a file that is missing, damaged or without what it needs, or that does not fit its radar
     """
     if not path.is_file() or path.suffix not in (".npy", ".npz"):
         raise InputError("INPUT", f"{path}", "the folder of a dataset, or a cube as .npy or .npz")
+    if path.suffix == ".npz" and radar is not None:
+        raise InputError("--radar", f"{radar!r} beside a .npz", f"no --radar: {path} holds its own")
     capture = None
     if path.suffix == ".npy":
         if radar is None:
@@ -149,11 +151,8 @@ def read_cube(path: Path, radar: str | None) -> CubeFile:
         if missing := {"cube", "radar"} - content.keys():
             raise InputError(path, f"no array {min(missing)!r}", "the arrays 'cube' and 'radar'")
         cube = content["cube"]
-        if radar is None:
-            named = {"name": path.stem, **_fields(path, "radar", str(content["radar"]))}
-            found = validated(Radar, named, f"{path}: radar")
-        else:
-            found = load_radar(radar)
+        named = {"name": path.stem, **_fields(path, "radar", str(content["radar"]))}
+        found = validated(Radar, named, f"{path}: radar")
         if "capture" in content:
             entries = unsealed(path, _fields(path, "capture", str(content["capture"])))
             capture = validated(Capture, entries, f"{path}: capture")
