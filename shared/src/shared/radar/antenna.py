@@ -24,6 +24,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError,
 
 from shared.physics.errors import InputError
 from shared.physics.units import ArrayOrScalar, db_to_power, power_to_db
+from shared.radar.validation import first_validation_error
 
 Directions = Float[np.ndarray, "*shape 3"]
 Real = Float64[ArrayOrScalar, "*shape"]
@@ -45,7 +46,7 @@ class IsotropicPattern(BaseModel):
     :param gain_dbi: gain [dBi]
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     kind: Literal["isotropic"] = "isotropic"
     gain_dbi: Annotated[FiniteFloat, Field(ge=-200, le=200)] = 0.0
@@ -67,7 +68,7 @@ class ParabolicPattern(BaseModel):
     :param floor_db: level of side and back lobes below the main lobe [dB]
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     kind: Literal["parabolic"] = "parabolic"
     gain_dbi: Annotated[FiniteFloat, Field(ge=-200, le=200)]
@@ -143,7 +144,7 @@ class PatchPattern(BaseModel):
     :param back_db: level behind the ground plane below the gain at boresight [dB]
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     kind: Literal["patch"] = "patch"
     width_wavelengths: Annotated[FiniteFloat, Field(gt=0, le=2)] = 0.4
@@ -294,6 +295,10 @@ def read_table(path: Path, outside_gain_dbi: float | None = None) -> TablePatter
         if (azimuth, elevation) not in levels:
             fault = f"no line with azimuth_deg = {azimuth:g}, elevation_deg = {elevation:g}"
             raise InputError(path, fault, f"all {len(azimuths)} x {len(elevations)} directions of the grid")
+    for name, angles in zip(COLUMNS, (azimuths, elevations), strict=False):
+        if len(angles) < 2:
+            expected = "at least 2 azimuths and 2 elevations, with a line for each pair"
+            raise InputError(path, f"{name}: {len(angles)} in the file", expected)
     try:
         return TablePattern(
             azimuth_deg=tuple(azimuths),
@@ -302,9 +307,8 @@ def read_table(path: Path, outside_gain_dbi: float | None = None) -> TablePatter
             outside_gain_dbi=outside_gain_dbi,
         )
     except ValidationError as error:
-        first = error.errors()[0]
-        reason = first["ctx"]["error"] if first["type"] == "value_error" else f"{first['loc'][0]}: {first['msg']}"
-        raise InputError(path, str(reason)) from error
+        problem, expected = first_validation_error(error)
+        raise InputError(path, problem.removeprefix("document: "), expected) from error
 
 
 def _number(path: Path, line: int, column: str, text: str) -> float:

@@ -31,7 +31,7 @@ class PhaseNoise(BaseModel):
     :param loop_bandwidth_hz: f_loop [Hz]
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     level_dbc_per_hz: Annotated[FiniteFloat, Field(ge=-250, le=0)]
     loop_bandwidth_hz: Annotated[FiniteFloat, Field(gt=0)] = 300e3
@@ -59,7 +59,7 @@ class Converter(BaseModel):
         reach the ends of the range [dBm], i.e. the gain before the converter is part of this number
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     bits: Annotated[int, Field(ge=1, le=24)]
     full_scale_dbm: FiniteFloat
@@ -78,7 +78,7 @@ class FrontEnd(BaseModel):
     :param converter: None for ideal samples
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     transmit_power_dbm: Annotated[FiniteFloat, Field(ge=-200, le=200)] = 10.0
     noise_figure_db: Annotated[FiniteFloat, Field(ge=0, le=200)] = 12.0

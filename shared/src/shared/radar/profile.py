@@ -19,9 +19,11 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError,
 
 from shared.physics.errors import InputError
 from shared.radar.arrays import AntennaArray
+from shared.radar.validation import first_validation_error
 from shared.radar.waveform import Duration, Frequency, Waveform
 
 Number = Annotated[int, Field(ge=1, le=64)]
+Numbers = Annotated[tuple[Number, ...], Field(strict=False)]
 
 
 class ChirpProfile(BaseModel):
@@ -40,7 +42,7 @@ class ChirpProfile(BaseModel):
     :param real: True where the converter records the in-phase signal alone
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     start_frequency_hz: Frequency
     slope_hz_per_s: Annotated[FiniteFloat, Field(gt=0, le=1e16)]
@@ -50,8 +52,8 @@ class ChirpProfile(BaseModel):
     samples: Annotated[int, Field(ge=1, le=2**20)]
     sample_rate_hz: Frequency
     chirps: Annotated[int, Field(ge=1, le=2**16)]
-    tx: tuple[Number, ...] = ()
-    rx: tuple[Number, ...] = ()
+    tx: Numbers = ()
+    rx: Numbers = ()
     real: bool = False
 
     @model_validator(mode="after")
@@ -118,8 +120,8 @@ def read_cfg(path: Path) -> ChirpProfile:
             real=adc[1] == 0,
         )
     except ValidationError as error:
-        fault = error.errors()[0]
-        raise InputError(path, f"{'.'.join(map(str, fault['loc'])) or 'profileCfg'}: {fault['msg']}") from error
+        problem, expected = first_validation_error(error)
+        raise InputError(path, f"profileCfg: {problem.removeprefix('document: ')}", expected) from error
 
 
 def _lines(path: Path) -> dict[str, list[list[str]]]:

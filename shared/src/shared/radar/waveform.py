@@ -33,7 +33,7 @@ class Waveform(BaseModel):
     :param residual_video_phase: add the term -mu tau^2 / 2 that eq. (1) leaves out
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     carrier_hz: Frequency = 77e9
     bandwidth_hz: Frequency = 1e9
