@@ -38,6 +38,7 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
     cut = frame(0)
     cut = type(cut)(**{**vars(cut), "range_channel": np.ascontiguousarray(cut.range_channel[..., :5])})
     (made / "file").write_text("mine")
+    (made / "there.onnx").write_text("mine")
     (made / "wrong.toml").write_text("steps = 0\n")
     (made / "slip.toml").write_text("step = 5\n")
     (made / "broken.toml").write_text("steps =")
@@ -140,6 +141,7 @@ PREDICT = [
 ]
 EXPORT = [
     ("none --out o.onnx", "none: no run.json"),
+    ("{run} --out {here}/there.onnx", "--out: {here}/there.onnx is there already"),
     ("{run} --out network.pt", "--out: network.pt"),
     ("{run} --out none/network.onnx", "--out: none/network.onnx"),
 ]
@@ -194,6 +196,7 @@ IMPORT = [
     ),
     ("none.bin --board iwr1843 --radar iwr1844", "--radar: no file 'iwr1844'; expected a TOML file with a table [capt"),
     ("none.bin {chirps} --calibration {here}/capture.toml", "{here}/capture.toml: is no calibration, without array"),
+    ("none.bin --board iwr1843 --out {cube}", "--out: {cube} is there already; expected a file that does not exist"),
     ("none.bin --board iwr1843 --order q", "--order: 'q'"),
     ("none.bin --board iwr1843 --frames 1", "--frames: '1'"),
     ("{here}/array.npy {chirps}", "{here}/array.npy: 0 arrays that fit"),
@@ -213,6 +216,7 @@ CALIBRATE = [
     ("a.bin --board iwr1843 --range -3 --angle 1", "--range: -3.0"),
     ("a.bin --board iwr1843 --range 3 --angle 91", "--angle: 91.0"),
     ("a.bin --board iwr1843 --range 3 --angle 1 --out c", "--out: c"),
+    ("a.bin --board iwr1843 --range 3 --angle 1 --out {here}/capture.toml", "--out: {here}/capture.toml is there alr"),
     ("a.bin --board iwr1843 --range 3 --angle 1 --check b", "--check: without all of the three"),
 ]
 TABLES = {

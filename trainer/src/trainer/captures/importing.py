@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.dataset.locations import sha256_of
+from shared.dataset.writing import require_new_file
 from shared.physics.errors import InputError, require_utf8
 from shared.physics.units import amplitude_to_db, dbm_to_watt, power_to_db
 from shared.radar import CaptureRadar, Radar, board_radar, load_capture_radar
@@ -63,11 +64,10 @@ def import_capture(
     """Read a capture and write it to ``out``, in one step, as a cube (:mod:`trainer.captures.cube_file`).
 
     :param calibration: file of ``trainer calibrate``, or of TI's scripts for the cascade, to apply
-    :raises InputError: a capture that does not fit board and chirps, a calibration of another board or waveform, a
-        name of ``out`` that is no .npz
+    :raises InputError: a capture that does not fit board and chirps, a calibration of another board or waveform, an
+        ``out`` that is no .npz or there already
     """
-    if out.suffix != ".npz" or not out.parent.is_dir():
-        raise InputError("--out", f"{out}", "a .npz in a folder that is there")
+    require_new_file(out, ".npz")
     found = None if calibration is None else _calibration(calibration, reading)
     raw = read_capture(source, reading)
     cube, dead = raw.cube, raw.dead
