@@ -15,18 +15,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import Field, FiniteFloat, ValidationError, model_validator
 
 from shared.physics.errors import InputError
 from shared.radar.arrays import AntennaArray
-from shared.radar.validation import first_validation_error
+from shared.radar.validation import Described, first_validation_error
 from shared.radar.waveform import Duration, Frequency, Waveform
 
 Number = Annotated[int, Field(ge=1, le=64)]
-Numbers = Annotated[tuple[Number, ...], Field(strict=False)]
 
 
-class ChirpProfile(BaseModel):
+class ChirpProfile(Described):
     """Chirps of a frame.
 
     :param start_frequency_hz: at the begin of the ramp
@@ -42,8 +41,6 @@ class ChirpProfile(BaseModel):
     :param real: True where the converter records the in-phase signal alone
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
-
     start_frequency_hz: Frequency
     slope_hz_per_s: Annotated[FiniteFloat, Field(gt=0, le=1e16)]
     idle_time_s: Annotated[FiniteFloat, Field(ge=0, le=1e3)] = 0.0
@@ -52,8 +49,8 @@ class ChirpProfile(BaseModel):
     samples: Annotated[int, Field(ge=1, le=2**20)]
     sample_rate_hz: Frequency
     chirps: Annotated[int, Field(ge=1, le=2**16)]
-    tx: Numbers = ()
-    rx: Numbers = ()
+    tx: tuple[Number, ...] = ()
+    rx: tuple[Number, ...] = ()
     real: bool = False
 
     @model_validator(mode="after")

@@ -14,6 +14,7 @@ from shared.physics.errors import Told
 from shared.physics.units import BOLTZMANN, REFERENCE_TEMPERATURE, db_to_power
 from shared.radar.arrays import AntennaArray, avr_qdm_110, virtual_sensor_256
 from shared.radar.front_end import FrontEnd
+from shared.radar.validation import Described
 from shared.radar.waveform import Waveform
 
 MIRROR_TOLERANCE = 1e-6
@@ -28,15 +29,13 @@ LARGEST_ARRAY = LARGEST_GB * 10**9
 the virtual sensor 268 MB; a frame takes a few times its cube to make."""
 
 
-class ImageGrid(BaseModel):
+class ImageGrid(Described):
     """The angle axis of range-angle images: ``u_j = u_start + j (u_stop - u_start) / bins``.
 
     :param u_start: first u = sin(azimuth)
     :param u_stop: end of the axis, not on the grid
     :param bins: number of angle bins
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     u_start: Annotated[FiniteFloat, Field(ge=-1, lt=1)] = -0.85
     u_stop: Annotated[FiniteFloat, Field(gt=-1, le=1)] = 0.85

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
 from shared.physics.errors import InputError, meant
@@ -31,6 +31,20 @@ WORDS = {
     "union_tag_invalid": "{discriminator} to be one of {expected_tags}",
 }
 """What would be right, by the kind of pydantic's error; the others begin with "Input should be"."""
+
+
+class Described(BaseModel):
+    """A frozen description. Text, true and false are no numbers in it, though pydantic would take them."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _numbers(cls, given: Any) -> Any:
+        for name, field in cls.model_fields.items() if isinstance(given, dict) else ():
+            if field.annotation in (int, float) and isinstance(given.get(name), str | bool):
+                raise ValueError(f"{name} = {given[name]!r}; expected a number")
+        return given
 
 
 def first_validation_error(error: ValidationError, place: str = "", keys: Iterable[str] = ()) -> tuple[str, str]:
