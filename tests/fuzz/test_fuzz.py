@@ -136,6 +136,7 @@ def finite_cascade(path: Path) -> None:
 def applied(path: Path) -> None:
     """A calibration, on a capture."""
     reading = Reading("iwr1642", str(path.parent / "capture.toml"), frames=(0, 1))
+    (path.parent / "c.npz").unlink(missing_ok=True)
     import_capture(path.parent / "good.bin", path.parent / "c.npz", reading, path, str)
 
 

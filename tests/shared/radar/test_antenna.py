@@ -180,8 +180,8 @@ CORNERS = [f"{a},{e},0" for a in (-180, 0, 180) for e in (-90, 90)]
         (CORNERS[:-1], ["no line with azimuth_deg = 180, elevation_deg = 90", "3 x 2"]),
         ([*CORNERS, "0,90,1"], ["line 8: azimuth_deg = 0, elevation_deg = 90 a second time"]),
         (CORNERS[:4], ["azimuth_deg runs from -180 to 0", "outside_gain_dbi"]),
-        (["-180,0,1", "180,0,1"], ["elevation_deg: "]),
-        ([], ["azimuth_deg: "]),
+        (["-180,0,1", "180,0,1"], ["elevation_deg: 1 in the file", "at least 2 azimuths and 2 elevations"]),
+        ([], ["azimuth_deg: 0 in the file"]),
     ],
 )
 def test_a_table_with_a_fault_is_one_line_that_names_it(tmp_path, rows, parts):

@@ -229,13 +229,21 @@ def test_real_samples_have_half_the_range_bins() -> None:
 
 MANY = [[0.0, 0.0, 0.0]] * 200
 REFUSED = [
-    ("[waveform]\nchirps = 0", "waveform.chirps = 0", "greater than or equal to 1"),
-    ("[waveform]\nchirp = 5", "unknown field waveform.chirp"),
+    ("[waveform]\nchirps = 0", "waveform.chirps = 0; expected at least 1"),
+    ("[waveform]\nchirp = 5", "unknown field waveform.chirp; expected one of carrier_hz, ", "; did you mean 'chirps'?"),
+    ("[waveforms]", "unknown field waveforms; expected one of name, ", "mirror, capture; did you mean 'waveform'?"),
+    ("[waveform]\nchirps = '4'", "waveform: chirps = '4'; expected a number"),
+    ("[waveform]\nchirps = true", "waveform: chirps = True; expected a number"),
+    ("[waveform]\nchirps = 4.5", "waveform.chirps = 4.5; expected a whole number"),
+    ("[waveform]\ncarrier_hz = 77", "waveform.carrier_hz = 77.0 makes the virtual_sensor", "at least 19.2e9"),
+    ("[front_end]\nnoise_figure_db = '4'", "front_end: noise_figure_db = '4'; expected a number"),
+    ("[front_end.tx_pattern]\nkind = 'patch'\nback = 3", "unknown field front_end.tx_pattern.patch.back", "'back_db'?"),
+    ("[front_end.tx_pattern]\ngain_dbi = 3", "front_end.tx_pattern = {'gain_dbi': 3}; expected an entry 'kind'"),
     ("[waveform]\nrange_bins = 5000", "range_bins = 5000", "at most samples = 1024"),
     ("[waveform]\nbandwidth_hz = inf", "waveform.bandwidth_hz = inf"),
     ("[waveform]\nmultiplexing = 'tdm'", "chirp_interval_s = 8.06e-05 leaves each of 3 TX", "0.0002418"),
     ("[grid]\nu_start = 0.5\nu_stop = 0.1", "u_stop = 0.1"),
-    ("[array]\ntx_m = []\nrx_m = [[0, 0, 0]]", "array.tx_m = []"),
+    ("[array]\ntx_m = []\nrx_m = [[0, 0, 0]]", "array.tx_m = []; expected 1 or more entries"),
     ("[front_end.tx_pattern]\nkind = 'horn'", "front_end.tx_pattern", "horn"),
     ("[waveform", "not readable as TOML"),
     # The front end.
@@ -249,7 +257,7 @@ REFUSED = [
     ("[front_end]\ntx_pattern = { kind = 'table', file = 'p.csv', gain_dbi = 3 }", "unknown field gain_dbi"),
     ("[front_end]\ntx_pattern = { kind = 'table' }", "front_end.tx_pattern.table.azimuth_deg"),
     # What no memory holds, with the figure.
-    ("[grid]\nbins = 10000000", "grid.bins = 10000000; expected input should be less than or equal to 65536"),
+    ("[grid]\nbins = 10000000", "grid.bins = 10000000; expected at most 65536"),
     ("[waveform]\nchirps = 65536\nsamples = 1048576", "48 channels make a cube of 2.64e+04 GB; expected at most 2 GB"),
     ("[waveform]\nsamples = 40000\nrange_bins = 40000\nchirps = 1\n[grid]\nbins = 20000", "make an image of 3.2 GB"),
     ("[waveform]\nchirps = 1\nsamples = 20000\n[front_end]\nphase_noise = { level_dbc_per_hz = -100 }", "of 3.2 GB"),
@@ -261,8 +269,10 @@ REFUSED = [
     ("board = 'iwr1843'\nmirror = 'yes'", "mirror = 'yes'; expected true or false"),
     ("board = 'iwr1843'\ncapture = 3", "capture = 3; expected a table"),
     ("board = 'iwr1843'\ncapture = 'none.cfg'", "none.cfg: not readable"),
-    ("board = 'iwr1843'\n[capture]\nsamples = 3", "capture: start_frequency_hz"),
-]
+    ("board = 'iwr1843'\n[capture]\nsamples = 3", "capture: start_frequency_hz missing; expected a value"),
+    ("[capture]\nchirp = 3\nchirps = 3\nsamples = 9\nsample_rate_hz = 4e6\nramp_end_time_s = 6e-5\n"
+     "slope_hz_per_s = 3e13\nstart_frequency_hz = 77e9", "capture: unknown field chirp; expected one of start_"),
+]  # fmt: skip
 
 
 def refusal(path: Path, text: str) -> str:

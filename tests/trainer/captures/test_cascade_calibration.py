@@ -136,10 +136,12 @@ def test_calibrate_finds_what_it_finds_in_the_samples(
     radar_file(tmp_path, "mmwcas", chirps)
     found = []
     options = ("--board", "mmwcas", "--radar", "capture.toml", "--range", PLACE[0], "--angle", PLACE[1])
+    out = tmp_path / "c.toml"
     for source, axes in (("calibrateResults.mat", ()), ("corner.npy", ("--axes", "chirp sample (rx tx)"))):
-        code, _, said = status(capsys, monkeypatch, "calibrate", source, *options, *axes, "--out", "c.toml")
+        code, _, said = status(capsys, monkeypatch, "calibrate", source, *options, *axes, "--out", out)
         assert (code, said) == (0, "")
-        found.append(tomllib.loads((tmp_path / "c.toml").read_text(encoding="utf-8")))
+        found.append(tomllib.loads(out.read_text(encoding="utf-8")))
+        out.unlink()
     for name, unit in (("gain_db", 1e-4), ("phase_deg", 1e-3), ("delay_s", 1e-15)):
         np.testing.assert_allclose(found[0][name], found[1][name], atol=unit)
     assert np.std(found[0]["gain_db"]) > 0.5

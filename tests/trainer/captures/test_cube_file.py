@@ -6,13 +6,18 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from numpy.typing import NDArray
 from tiny_radar import RADAR
 
 from shared.physics.errors import InputError
+from shared.signal import if_signal
+from shared.signal.windows import cell_noise_power
 from trainer.captures.cube_file import Capture, frame_shape, read_cube, write_cube
 from trainer.data.measurements import open_measurements
+from trainer.run.predict import PredictRequest, predict
+from trainer.run.predictor import PointsRequest
 
 CAPTURE = Capture(
     source="adc_data.bin", source_sha256="a" * 64, board="iwr1843", frames=2, scale="relative", noise_power=2.5,
@@ -47,6 +52,28 @@ def test_every_frame_is_a_measurement_with_the_noise_that_was_measured(tmp_path:
         ("drive-000001", 1, 2.5),
     ]
     assert not np.array_equal(found[0].cells.range_channel, found[1].cells.range_channel)
+
+
+@pytest.mark.parametrize("counts", [True, False])
+def test_noise_that_no_capture_states_is_thermal_or_measured_where_the_samples_are_counts(
+    tmp_path: Path, counts: bool
+) -> None:
+    """Two targets in noise: 1861 lines were listed of counts, whose noise was held to be that of sqrt(W)."""
+    waveform = RADAR.waveform.model_copy(update={"chirps": 16, "samples": 64, "range_bins": 60})
+    radar = RADAR.model_copy(update={"waveform": waveform})
+    places = np.array([[3.0, 0.5, 0.0], [6.0, -1.0, 0.0]])
+    noise = np.random.default_rng(1).standard_normal((16, 64, 6, 2)) @ np.array([0.5**0.5, 0.5**0.5 * 1j])
+    cube = np.sqrt(radar.sample_noise_power_w) * (noise + if_signal(radar, places, 0.0 * places, np.full(2, 10 + 0j)))
+    scale = 3.0 / np.sqrt(radar.sample_noise_power_w) if counts else 1.0
+    np.savez(tmp_path / "own.npz", cube=(scale * cube).astype(np.complex64), radar=radar.model_dump_json())
+    (measurement,) = open_measurements(tmp_path / "own.npz", None, "test")[1]
+    assert measurement.noise_power == pytest.approx(scale**2 * cell_noise_power(radar), rel=0.1 if counts else 1e-12)
+    said, few = list[str](), PointsRequest(false_alarms=0.01)
+    predict(PredictRequest(tmp_path / "own.npz", tmp_path / "out", method="das", points=True, listed=few), said.append)
+    assert len(pq.read_table(tmp_path / "out/images.parquet")["detections"][0]) == 2
+    remarks = [line for line in said if "noise as measured in the cube" in line]
+    assert len(remarks) == counts
+    assert all(line.startswith(f"{tmp_path}/own.npz: ") for line in remarks)
 
 
 @pytest.mark.parametrize(

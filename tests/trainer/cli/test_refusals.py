@@ -38,6 +38,7 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
     cut = frame(0)
     cut = type(cut)(**{**vars(cut), "range_channel": np.ascontiguousarray(cut.range_channel[..., :5])})
     (made / "file").write_text("mine")
+    (made / "there.onnx").write_text("mine")
     (made / "wrong.toml").write_text("steps = 0\n")
     (made / "slip.toml").write_text("step = 5\n")
     (made / "broken.toml").write_text("steps =")
@@ -93,7 +94,7 @@ FIT = [
     ("{data} --array full --resume", "--resume: out holds no run"),
     ("{data} --array sparse5", "--array: no named array and no file 'sparse5'"),
     ("{data} --array {here}/rx9.toml", "--array: {here}/rx9.toml uses RX 9"),
-    ("{data} --array {here}/falling.toml", "{here}/falling.toml: "),
+    ("{data} --array {here}/falling.toml", "{here}/falling.toml: rx = [2, 0]; expected rising"),
     ("{data} --array {here}/broken.toml", "{here}/broken.toml: not readable as TOML"),
     ("{data} --array {here}/slip.toml", "{here}/slip.toml: rx missing"),
     ("{data} --array full --recipe doa", "--array: 6 channels; expected at least 9"),
@@ -134,9 +135,13 @@ PREDICT = [
     ("{cube} --method iaa --velocity 1,2,3", "--velocity: '1,2,3'"),
     ("{cube} --method iaa --velocity nan,0", "--velocity: (nan, 0.0), yaw 0.0"),
     ("{cube} --method iaa --mounting-yaw 30", "--mounting-yaw: without --velocity"),
+    ("{cube} --method iaa --velocity 3,0", "--velocity: without --points, and 'iaa' uses no velocity"),
+    ("{run} {data} --velocity 3,0", "--velocity: without --points, and 'unrolled' uses no velocity"),
+    ("{cube} --method iaa --radar {here}/radar.toml", "--radar: '{here}/radar.toml' beside a .npz; expected no"),
 ]
 EXPORT = [
     ("none --out o.onnx", "none: no run.json"),
+    ("{run} --out {here}/there.onnx", "--out: {here}/there.onnx is there already"),
     ("{run} --out network.pt", "--out: network.pt"),
     ("{run} --out none/network.onnx", "--out: none/network.onnx"),
 ]
@@ -157,7 +162,7 @@ EVALUATE = [
     ("{data} --arrays none.toml", "--array: no named array and no file 'none.toml'"),
     ("{data} --arrays full,full", "--arrays: 'full' twice"),
     ("{data} --arrays ,", "--arrays: none; expected some of"),
-    ("{data} --arrays full --frames 0", "trainer evaluate: frames = 0; expected input should be greater than or equal"),
+    ("{data} --arrays full --frames 0", "trainer evaluate: frames = 0; expected at least 1"),
     ("{data} --arrays full --run nothing", "nothing: no run.json; expected a run folder"),
     ("{data} --arrays full --run {run}", "--run: {run} was trained for array 'mine'"),
     ("{data} --arrays {here}/mine.toml --run {longer}", "{data}: radar 'tiny', waveform.samples = 32; expected 64"),
@@ -185,6 +190,13 @@ IMPORT = [
     ("none.npy --board iwr1843", "none.npy: no such file of arrays"),
     ("none.bin --board iwr9", "--board: 'iwr9'"),
     ("none.bin --board iwr1843 --out cube.npy", "--out: cube.npy"),
+    (
+        "none.bin --board iwr1843 --radar iwr1843",
+        "--radar: 'iwr1843' is a preset, which describes no capture; expected a",
+    ),
+    ("none.bin --board iwr1843 --radar iwr1844", "--radar: no file 'iwr1844'; expected a TOML file with a table [capt"),
+    ("none.bin {chirps} --calibration {here}/capture.toml", "{here}/capture.toml: is no calibration, without array"),
+    ("none.bin --board iwr1843 --out {cube}", "--out: {cube} is there already; expected a file that does not exist"),
     ("none.bin --board iwr1843 --order q", "--order: 'q'"),
     ("none.bin --board iwr1843 --frames 1", "--frames: '1'"),
     ("{here}/array.npy {chirps}", "{here}/array.npy: 0 arrays that fit"),
@@ -204,6 +216,7 @@ CALIBRATE = [
     ("a.bin --board iwr1843 --range -3 --angle 1", "--range: -3.0"),
     ("a.bin --board iwr1843 --range 3 --angle 91", "--angle: 91.0"),
     ("a.bin --board iwr1843 --range 3 --angle 1 --out c", "--out: c"),
+    ("a.bin --board iwr1843 --range 3 --angle 1 --out {here}/capture.toml", "--out: {here}/capture.toml is there alr"),
     ("a.bin --board iwr1843 --range 3 --angle 1 --check b", "--check: without all of the three"),
 ]
 TABLES = {

@@ -11,6 +11,7 @@ from scipy.special import gammaincc, gammainccinv
 from scipy.stats import ncx2
 
 from shared.radar import Radar
+from shared.radar.arrays import AntennaArray
 from trainer.data.cfar import CELL_FALSE_ALARM, cfar_thresholds
 from trainer.data.measurements import Cells
 from trainer.estimators.array import LineArray, uniform_axis
@@ -24,6 +25,7 @@ from trainer.estimators.fitting import (
 )
 from trainer.run import false_alarms
 from trainer.run.detections import Sought, find_detections
+from trainer.run.predictor import PointsRequest, Predictor
 
 RADAR = Radar()
 BINS = np.array([-1, 0, 1])
@@ -137,6 +139,33 @@ def test_fewer_lines_need_more_and_any_radar_will_do() -> None:
         assert (np.diff(levels) < 0.0).all()
         assert levels[-1] == false_alarms.LEAST
     assert 10.0 < false_alarms.first_line_threshold(1.0, radar_of(1), ARRAYS["full"], False) < 20.0
+
+
+@pytest.mark.parametrize(
+    ("chirps", "rx", "least"), [(1, 1, 0.7), (64, 1, 0.7), (64, 3, 0.3)], ids=["one chirp", "one element", "vertical"]
+)
+def test_of_noise_an_array_that_tells_no_angle_lists_about_what_is_asked_for(
+    chirps: int, rx: int, least: float
+) -> None:
+    """30 frames of 100 bins; a single RX listed 91 lines a frame, whatever was asked for.
+
+    Of three RX above each other one is the azimuth line. A Doppler cell beside that of a line is chosen in its place
+    more often than the count says, which takes them for independent.
+    """
+    waveform = RADAR.waveform.model_copy(update={"chirps": chirps, "samples": 128, "range_bins": 100})
+    here = (0.0, 0.0, 0.0)
+    array = AntennaArray(tx_m=(here,), rx_m=tuple((0.0, 0.0, 2e-3 * place) for place in range(rx)))
+    radar = Radar(waveform=waveform, array=array)
+    draw, frames = np.random.default_rng(2), 30
+    white = draw.standard_normal((frames, chirps, 128, rx, 2)) @ [1.0, 1j] * np.sqrt(0.5 * radar.sample_noise_power_w)
+    for asked in (0.1, 3.0):
+        predictor = Predictor.load("das", radar, PointsRequest(asked), velocity=(0.0, 0.0))
+        found = [points for cube in white if (points := predictor.cube(cube).points) is not None]
+        listed = sum(map(len, found)) / frames
+        assert least * asked - 0.07 < listed < 1.2 * asked + 0.1  # a standard error of 0.06 and of 0.32 lines
+        assert all((points.u == 0.0).all() and (points.u_std == 1.0).all() for points in found)
+        # A single chirp tells no velocity.
+        assert all((np.isnan(points.moving) == (chirps == 1)).all() for points in found)
 
 
 def test_noise_of_near_bins_is_removed_though_wave_fronts_are_curved_there() -> None:

@@ -239,6 +239,12 @@ def test_the_sentence_follows_from_both_intervals_to_what_it_began_with(precisio
     scores = dict.fromkeys(("das", "iaa-view", start, "network"), 0.5)
     # Better than another method does not count.
     errors, precisions = ({"das": better, start: one} for better, one in ((WORSE, error), (BETTER, precision)))
-    sentence = Verdict(5, 0, 1.0, scores, scores, errors, precisions).sentence()
+    sentence = Verdict(6, 0, 1.0, scores, scores, errors, precisions).sentence()
     assert sentence.startswith(said)
     assert sentence.endswith(f"over the {NAMES[start]}.")
+    few = Verdict(5, 0, 1.0, scores, scores, errors, precisions)
+    figures = f"average precision {precision.value:+.3f}, NMSE {error.value:+.3f}"
+    assert (
+        few.sentence() == f"Whether training helped cannot be said of so few frames: {figures} over the {NAMES[start]}."
+    )
+    assert " to " not in few.table()

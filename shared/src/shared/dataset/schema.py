@@ -84,7 +84,7 @@ class Target:
     """What is really there at one place of a frame, at mid-frame.
 
     :param range_m: distance from the radar frame's origin [m]
-    :param u: sin(azimuth) = y / range; left of the radar is positive
+    :param u: y / range, sin(azimuth) at elevation 0; left of the radar is positive
     :param velocity_mps: range rate [m/s], receding is positive
     :param amplitude_db: 20 log10 of the amplitude in sqrt(W) [dBW]
     :param object: name of the object, "" for a cell of the truth image

@@ -20,6 +20,7 @@ from typing import Any
 
 from shared.dataset.locations import Location, RemotePath, sha256_of
 from shared.dataset.stores import kept, objects_under, put, remove
+from shared.physics.errors import InputError
 
 PARTIAL = ".partial"
 """Suffix of a file that is being written. A process that is killed leaves such a file behind."""
@@ -116,6 +117,17 @@ def remove_partial(folder: Location) -> None:
         return
     for stale in [*folder.glob(f"*{PARTIAL}"), *folder.glob(f"*/*{PARTIAL}")]:
         stale.unlink(missing_ok=True)
+
+
+def require_new_file(out: Path, suffix: str) -> None:
+    """Refuse an ``--out`` that a command may not write.
+
+    :raises InputError: of another suffix, in no folder, or there already
+    """
+    if out.suffix != suffix or not out.parent.is_dir():
+        raise InputError("--out", f"{out}", f"a {suffix} in a folder that is there")
+    if out.exists():
+        raise InputError("--out", f"{out} is there already", "a file that does not exist yet")
 
 
 def write_bytes(path: Location, content: bytes | memoryview) -> None:

@@ -2,7 +2,8 @@
 
 from shared.radar.front_end import FrontEnd
 from shared.radar.loading import PRESETS, CaptureRadar, board_radar, load_capture_radar, load_radar
-from shared.radar.radar import ImageGrid, Radar, first_validation_error, read_toml, validated
+from shared.radar.radar import ImageGrid, Radar
+from shared.radar.validation import first_validation_error, read_toml, validated
 
 __all__ = [
     "PRESETS",

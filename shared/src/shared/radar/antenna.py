@@ -24,6 +24,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError,
 
 from shared.physics.errors import InputError
 from shared.physics.units import ArrayOrScalar, db_to_power, power_to_db
+from shared.radar.validation import Described, first_validation_error
 
 Directions = Float[np.ndarray, "*shape 3"]
 Real = Float64[ArrayOrScalar, "*shape"]
@@ -39,13 +40,11 @@ def angles_deg(directions: Directions) -> tuple[Real, Real]:
     return np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.sqrt(x * x + y * y)))
 
 
-class IsotropicPattern(BaseModel):
+class IsotropicPattern(Described):
     """The same gain in every direction.
 
     :param gain_dbi: gain [dBi]
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     kind: Literal["isotropic"] = "isotropic"
     gain_dbi: Annotated[FiniteFloat, Field(ge=-200, le=200)] = 0.0
@@ -55,7 +54,7 @@ class IsotropicPattern(BaseModel):
         return np.full(directions.shape[:-1], float(db_to_power(self.gain_dbi)))
 
 
-class ParabolicPattern(BaseModel):
+class ParabolicPattern(Described):
     """Main lobe parabolic in dB over azimuth and elevation, above a constant side and back lobe level.
 
     A(az, el) = -min(12 (az / az_3dB)^2 + 12 (el / el_3dB)^2, floor), the form of 3GPP TR 38.901, Table 7.3-1. It fits a
@@ -66,8 +65,6 @@ class ParabolicPattern(BaseModel):
     :param elevation_beamwidth_deg: one-way 3 dB width in elevation [deg]
     :param floor_db: level of side and back lobes below the main lobe [dB]
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     kind: Literal["parabolic"] = "parabolic"
     gain_dbi: Annotated[FiniteFloat, Field(ge=-200, le=200)]
@@ -122,7 +119,7 @@ QUADRATURE_POINTS = 200
 """Of each of the two angles over the half space; patterns of patches up to two wavelengths are integrated to 1e-9."""
 
 
-class PatchPattern(BaseModel):
+class PatchPattern(Described):
     """A rectangular patch in its TM010 mode: two slots of equal phase, one effective length apart.
 
     With w the radiated direction's cosine to the patch's width, l that to its resonant length, n that to its normal,
@@ -142,8 +139,6 @@ class PatchPattern(BaseModel):
     :param efficiency_db: power radiated of the power accepted [dB]
     :param back_db: level behind the ground plane below the gain at boresight [dB]
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     kind: Literal["patch"] = "patch"
     width_wavelengths: Annotated[FiniteFloat, Field(gt=0, le=2)] = 0.4
@@ -294,6 +289,10 @@ def read_table(path: Path, outside_gain_dbi: float | None = None) -> TablePatter
         if (azimuth, elevation) not in levels:
             fault = f"no line with azimuth_deg = {azimuth:g}, elevation_deg = {elevation:g}"
             raise InputError(path, fault, f"all {len(azimuths)} x {len(elevations)} directions of the grid")
+    for name, angles in zip(COLUMNS, (azimuths, elevations), strict=False):
+        if len(angles) < 2:
+            expected = "at least 2 azimuths and 2 elevations, with a line for each pair"
+            raise InputError(path, f"{name}: {len(angles)} in the file", expected)
     try:
         return TablePattern(
             azimuth_deg=tuple(azimuths),
@@ -302,9 +301,8 @@ def read_table(path: Path, outside_gain_dbi: float | None = None) -> TablePatter
             outside_gain_dbi=outside_gain_dbi,
         )
     except ValidationError as error:
-        first = error.errors()[0]
-        reason = first["ctx"]["error"] if first["type"] == "value_error" else f"{first['loc'][0]}: {first['msg']}"
-        raise InputError(path, str(reason)) from error
+        problem, expected = first_validation_error(error)
+        raise InputError(path, problem.removeprefix("document: "), expected) from error
 
 
 def _number(path: Path, line: int, column: str, text: str) -> float:

@@ -10,17 +10,18 @@ from typing import Annotated, Literal
 
 import numpy as np
 from jaxtyping import Float, Float64
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import Field, FiniteFloat
 
 from shared.physics.units import db_to_power, dbm_to_watt, power_to_db
 from shared.radar.antenna import IsotropicPattern, Pattern, car_radar_pattern
+from shared.radar.validation import Described
 from shared.radar.waveform import Waveform
 
 Polarization = Literal["V", "H"]
 """Linear, of the electric field seen along boresight: V along z, H along y of the radar frame."""
 
 
-class PhaseNoise(BaseModel):
+class PhaseNoise(Described):
     """Phase noise of the one local oscillator that all TX and RX share.
 
     Its single-sideband level is flat within the bandwidth of its phase-locked loop and falls by 20 dB a decade beyond,
@@ -30,8 +31,6 @@ class PhaseNoise(BaseModel):
     :param level_dbc_per_hz: L_0, single sideband at the transmitted frequency [dBc/Hz]
     :param loop_bandwidth_hz: f_loop [Hz]
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     level_dbc_per_hz: Annotated[FiniteFloat, Field(ge=-250, le=0)]
     loop_bandwidth_hz: Annotated[FiniteFloat, Field(gt=0)] = 300e3
@@ -51,7 +50,7 @@ class PhaseNoise(BaseModel):
         return float(np.sqrt(2.0 * residual.sum() / waveform.chirp_duration_s))
 
 
-class Converter(BaseModel):
+class Converter(Described):
     """Analogue-to-digital conversion of the in-phase and the quadrature signal, each by itself.
 
     :param bits: resolution; the converter has 2^bits levels (24 at most: the significand of the stored samples)
@@ -59,13 +58,11 @@ class Converter(BaseModel):
         reach the ends of the range [dBm], i.e. the gain before the converter is part of this number
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
     bits: Annotated[int, Field(ge=1, le=24)]
     full_scale_dbm: FiniteFloat
 
 
-class FrontEnd(BaseModel):
+class FrontEnd(Described):
     """Transmit power, noise figure, element patterns, polarisation and imperfections.
 
     :param transmit_power_dbm: power of one TX [dBm]
@@ -77,8 +74,6 @@ class FrontEnd(BaseModel):
     :param phase_noise: of the local oscillator; None for none
     :param converter: None for ideal samples
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     transmit_power_dbm: Annotated[FiniteFloat, Field(ge=-200, le=200)] = 10.0
     noise_figure_db: Annotated[FiniteFloat, Field(ge=0, le=200)] = 12.0

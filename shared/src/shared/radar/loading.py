@@ -14,7 +14,8 @@ from shared.radar.antenna import PatchPattern, read_table
 from shared.radar.arrays import virtual_sensor_256
 from shared.radar.boards import BOARDS, mirrored
 from shared.radar.profile import ChirpProfile, read_cfg
-from shared.radar.radar import Radar, first_validation_error, read_toml, validated
+from shared.radar.radar import Radar
+from shared.radar.validation import first_validation_error, read_toml, validated
 from shared.radar.waveform import Waveform
 
 
@@ -37,6 +38,8 @@ PRESETS: dict[str, Callable[[], Radar]] = {
 }
 """The paper's sensor, its enhanced virtual twin, and the boards, by the name that ``--radar`` takes."""
 
+ABOVE = ("board", "mirror", "capture")
+"""Entries of a radar's file that say what its tables begin with."""
 MAXIMUM_RESIDUAL_PHASE_RAD = 0.3
 """The first order of exp(j x) that the phase noise's model keeps is then wrong by at most x^2 / 2, -27 dB."""
 
@@ -55,6 +58,10 @@ def load_radar(name_or_path: str) -> Radar:
     """
     if name_or_path in PRESETS:
         return PRESETS[name_or_path]()
+    if not Path(name_or_path).is_file():
+        problem = f"no preset and no file {name_or_path!r}"
+        expected = f"a TOML file or one of {list(PRESETS)}{meant(name_or_path, PRESETS)}"
+        raise InputError("--radar", problem, expected)
     return load_capture_radar(name_or_path, None).radar
 
 
@@ -78,8 +85,11 @@ def load_capture_radar(path_of_radar: str, board: str | None, mirror: bool = Fal
     """
     path = Path(path_of_radar)
     if not path.is_file():
-        problem = f"no preset and no file {path_of_radar!r}"
-        expected = f"a TOML file or one of {list(PRESETS)}{meant(path_of_radar, PRESETS)}"
+        preset = path_of_radar in PRESETS
+        problem = (
+            f"{path_of_radar!r} is a preset, which describes no capture" if preset else f"no file {path_of_radar!r}"
+        )
+        expected = "a TOML file with a table [capture], or a .cfg of the mmWave SDK: docs/captures.md"
         raise InputError("--radar", problem, expected)
     document: dict[str, Any] = {"capture": path.name} if path.suffix == ".cfg" else read_toml(path)
     if board is not None:
@@ -88,14 +98,14 @@ def load_capture_radar(path_of_radar: str, board: str | None, mirror: bool = Fal
         document["mirror"] = not document.get("mirror", False)
     _read_pattern_tables(path, document)
     real, rx = _on_board(path, document)
-    radar = validated(Radar, {"name": path.stem, **document}, path)
+    radar = validated(Radar, {"name": path.stem, **document}, path, ABOVE)
     _check_together(path, radar)
     return CaptureRadar(radar, real, rx)
 
 
 def _on_board(path: Path, document: dict[str, Any]) -> tuple[bool, tuple[int, ...]]:
     """Put what ``board``, ``mirror`` and ``capture`` say in place of them; (are samples real, numbers of RX)."""
-    name, mirror, capture = (document.pop(key, None) for key in ("board", "mirror", "capture"))
+    name, mirror, capture = (document.pop(key, None) for key in ABOVE)
     if name is None and mirror is None and capture is None:
         return False, ()
     for key, value, kind, expected in (
@@ -118,7 +128,7 @@ def _on_board(path: Path, document: dict[str, Any]) -> tuple[bool, tuple[int, ..
             of_file = isinstance(capture, str)
             profile = read_cfg(path.parent / capture) if of_file else ChirpProfile.model_validate(capture)
         except ValidationError as error:
-            problem, expected = first_validation_error(error)
+            problem, expected = first_validation_error(error, keys=ChirpProfile.model_fields)
             raise InputError(path, f"capture: {problem}", expected) from error
         try:
             array = profile.array(array)

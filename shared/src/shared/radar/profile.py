@@ -15,16 +15,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import Field, FiniteFloat, ValidationError, model_validator
 
 from shared.physics.errors import InputError
 from shared.radar.arrays import AntennaArray
+from shared.radar.validation import Described, first_validation_error
 from shared.radar.waveform import Duration, Frequency, Waveform
 
 Number = Annotated[int, Field(ge=1, le=64)]
 
 
-class ChirpProfile(BaseModel):
+class ChirpProfile(Described):
     """Chirps of a frame.
 
     :param start_frequency_hz: at the begin of the ramp
@@ -39,8 +40,6 @@ class ChirpProfile(BaseModel):
     :param rx: numbers of the RX that were recorded, rising; all by default
     :param real: True where the converter records the in-phase signal alone
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     start_frequency_hz: Frequency
     slope_hz_per_s: Annotated[FiniteFloat, Field(gt=0, le=1e16)]
@@ -118,8 +117,8 @@ def read_cfg(path: Path) -> ChirpProfile:
             real=adc[1] == 0,
         )
     except ValidationError as error:
-        fault = error.errors()[0]
-        raise InputError(path, f"{'.'.join(map(str, fault['loc'])) or 'profileCfg'}: {fault['msg']}") from error
+        problem, expected = first_validation_error(error)
+        raise InputError(path, f"profileCfg: {problem.removeprefix('document: ')}", expected) from error
 
 
 def _lines(path: Path) -> dict[str, list[list[str]]]:

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-import tomllib
-from collections.abc import Iterable
-from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float64
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic_core import InitErrorDetails
 
-from shared.physics.errors import InputError, Told
+from shared.physics.errors import Told
 from shared.physics.units import BOLTZMANN, REFERENCE_TEMPERATURE, db_to_power
 from shared.radar.arrays import AntennaArray, avr_qdm_110, virtual_sensor_256
 from shared.radar.front_end import FrontEnd
+from shared.radar.validation import Described
 from shared.radar.waveform import Waveform
 
 MIRROR_TOLERANCE = 1e-6
@@ -30,15 +29,13 @@ LARGEST_ARRAY = LARGEST_GB * 10**9
 the virtual sensor 268 MB; a frame takes a few times its cube to make."""
 
 
-class ImageGrid(BaseModel):
+class ImageGrid(Described):
     """The angle axis of range-angle images: ``u_j = u_start + j (u_stop - u_start) / bins``.
 
     :param u_start: first u = sin(azimuth)
     :param u_stop: end of the axis, not on the grid
     :param bins: number of angle bins
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     u_start: Annotated[FiniteFloat, Field(ge=-1, lt=1)] = -0.85
     u_stop: Annotated[FiniteFloat, Field(gt=-1, le=1)] = 0.85
@@ -66,6 +63,21 @@ class ImageGrid(BaseModel):
         return round(place) if abs(place - round(place)) < MIRROR_TOLERANCE else None
 
 
+def _virtual_sensor(fields: dict[str, Any]) -> AntennaArray:
+    """That of the carrier, where no other is stated."""
+    carrier_hz = fields["waveform"].carrier_hz
+    try:
+        return virtual_sensor_256(carrier_hz)
+    except ValidationError:
+        problem = (
+            f"carrier_hz = {carrier_hz!r} makes the virtual_sensor of 256 elements, half a wavelength apart, more than "
+            "2 m wide; expected Hz, at least 19.2e9, or a table virtual_sensor with positions of its own"
+        )
+        place = ("waveform", "carrier_hz")
+        fault = InitErrorDetails(type="value_error", loc=place, input=carrier_hz, ctx={"error": ValueError(problem)})
+        raise ValidationError.from_exception_data("Radar", [fault]) from None
+
+
 class Radar(Told, BaseModel):
     """Everything about the sensor; frozen, and written into what is made with it.
 
@@ -84,7 +96,7 @@ class Radar(Told, BaseModel):
     array: AntennaArray = Field(default_factory=avr_qdm_110)
     front_end: FrontEnd = Field(default_factory=FrontEnd)
     grid: ImageGrid = Field(default_factory=ImageGrid)
-    virtual_sensor: AntennaArray = Field(default_factory=lambda data: virtual_sensor_256(data["waveform"].carrier_hz))
+    virtual_sensor: AntennaArray = Field(default_factory=_virtual_sensor)
 
     @model_validator(mode="after")
     def _of_bounded_size(self) -> Radar:
@@ -177,46 +189,3 @@ class Radar(Told, BaseModel):
                 },
             },
         }
-
-
-def first_validation_error(error: ValidationError, place: str = "", keys: Iterable[str] = ()) -> tuple[str, str]:
-    """The first fault of a pydantic validation as (field and value, what would be right).
-
-    :param place: where the fields stand, put before the field, e.g. ``"line 3, "``
-    :param keys: the fields that there are, named where one is unknown
-    """
-    fault = error.errors(include_url=False)[0]
-    field = place + ".".join(str(part) for part in fault["loc"]) if fault["loc"] else "document"
-    if fault["type"] == "extra_forbidden":
-        known = ", ".join(keys)
-        return f"unknown field {field}", f"one of {known}" if known else "a field of this table"
-    if fault["type"] == "value_error":
-        return f"{field}: {fault['ctx']['error']}", ""
-    value = "missing" if fault["type"] == "missing" else f"= {fault['input']!r}"
-    return f"{field} {value}", fault["msg"][0].lower() + fault["msg"][1:]
-
-
-Model = TypeVar("Model", bound=BaseModel)
-
-
-def validated(model: type[Model], document: object, source: object) -> Model:
-    """A document as a value of ``model``.
-
-    :param source: of the document, for the message
-    :raises InputError: a field that is missing, unknown or wrong
-    """
-    try:
-        return model.model_validate(document)
-    except ValidationError as error:
-        raise InputError(source, *first_validation_error(error)) from error
-
-
-def read_toml(path: Path, expected: str = "a TOML file in UTF-8") -> dict[str, Any]:
-    """The entries of a TOML file.
-
-    :raises InputError: missing, not UTF-8, not TOML
-    """
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, OSError) as error:
-        raise InputError(path, f"not readable as TOML: {error}", expected) from error

@@ -6,16 +6,17 @@ from typing import Annotated, Literal
 
 import numpy as np
 from jaxtyping import Float64, Int64, Real
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import Field, FiniteFloat, model_validator
 
 from shared.physics.units import SPEED_OF_LIGHT
+from shared.radar.validation import Described
 
 Frequency = Annotated[FiniteFloat, Field(gt=0, le=1e13)]
 Duration = Annotated[FiniteFloat, Field(ge=1e-9, le=1e3)]
 """Limits far outside of radar, and far inside of what products of a few of them can overflow."""
 
 
-class Waveform(BaseModel):
+class Waveform(Described):
     """An FMCW chirp sequence, sampled as complex IF signal.
 
     Sample n of a chirp is taken at ``t = n T_c / samples``; chirp m starts at ``m * chirp_interval_s``. With
@@ -32,8 +33,6 @@ class Waveform(BaseModel):
     :param multiplexing: how the TX share the time: "simultaneous" or "tdm"
     :param residual_video_phase: add the term -mu tau^2 / 2 that eq. (1) leaves out
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     carrier_hz: Frequency = 77e9
     bandwidth_hz: Frequency = 1e9

@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from shared.dataset.writing import require_new_file
 from shared.physics.errors import InputError
 from shared.physics.units import amplitude_to_db, power_to_db
 from shared.radar import Radar
@@ -112,8 +113,7 @@ def calibrate(
         calibration with the others, where there are several
     :raises InputError: a capture that cannot be read or without a reflector at the stated place
     """
-    if out.suffix != ".toml" or not out.parent.is_dir():
-        raise InputError("--out", f"{out}", "a .toml in a folder that is there")
+    require_new_file(out, ".toml")
     captures = [_average(read_capture(place.source, reading)) for place in places]
     for capture, place in zip(captures, places, strict=True):
         if capture.radar != captures[0].radar:

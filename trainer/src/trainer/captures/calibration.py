@@ -143,6 +143,10 @@ def read_calibration(path: Path) -> Calibration:
     """
     expected = "a calibration of trainer calibrate"
     document = read_toml(path, expected)
+    if missing := [
+        name for name, field in Calibration.model_fields.items() if field.is_required() and name not in document
+    ]:
+        raise InputError(path, f"is no calibration, without {', '.join(missing)}", expected)
     try:
         return validated(Calibration, unsealed(path, document), path)
     except TypeError as error:  # a date, which TOML has and a document has not

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -20,11 +21,17 @@ from pydantic import BaseModel, Field, FiniteFloat
 from shared.dataset.documents import sealed, unsealed
 from shared.dataset.writing import atomic
 from shared.physics.errors import InputError
+from shared.physics.units import db_to_power, power_to_db
 from shared.radar import Radar, load_radar, validated
+from shared.signal.spectrum import range_doppler
+from shared.signal.windows import cell_noise_power
 from trainer.captures.reading import read_arrays
 
 LARGEST_SAMPLE = 1e12
 """Of a cube [sqrt(W), or counts of a converter]; powers of more, summed over a frame, leave single precision."""
+OTHER_UNIT_DB = 30.0
+"""Noise so far above the radar's thermal noise is that of samples in another unit: counts of a converter have 110 dB or
+more. A street's echoes raise what is measured in simulated cubes by less than 2 dB, of one chirp too."""
 SHA256 = r"^[0-9a-f]{64}$"
 
 Sha256 = Annotated[str, Field(pattern=SHA256)]
@@ -70,6 +77,43 @@ class CubeFile:
     radar: Radar
     capture: Capture | None
 
+    @cached_property
+    def noise_power(self) -> float:
+        """Of one channel in one cell, in the square of the cube's unit: as the capture states it, else the thermal one.
+
+        Measured in a cube without a capture that is not in sqrt(W).
+        """
+        if self.capture is not None:
+            return self.capture.noise_power
+        thermal, most = cell_noise_power(self.radar), float(db_to_power(OTHER_UNIT_DB))
+        # There is no more noise than power: the frames of most cubes need no second transform.
+        if np.mean(np.abs(self.cube[0]) ** 2) <= most * self.radar.sample_noise_power_w:
+            return thermal
+        measured = measured_noise(self.cube, self.radar)
+        return measured if measured > most * thermal else thermal
+
+    @property
+    def unit_remark(self) -> str | None:
+        """What a user is told of a cube whose noise was measured here."""
+        excess = power_to_db(self.noise_power / cell_noise_power(self.radar))
+        if self.capture is not None or excess <= OTHER_UNIT_DB:
+            return None
+        return (
+            f"noise as measured in the cube, {excess:.0f} dB above the radar's thermal noise: the samples are not in "
+            "sqrt(W), and levels are relative"
+        )
+
+
+def measured_noise(cube: NDArray[np.complex64], radar: Radar, dead: tuple[int, ...] = ()) -> float:
+    """Power of one channel in one range-Doppler cell that holds no echo: the median over the first frame's cells.
+
+    Of complex Gaussian noise the median power is ln 2 of the mean. It is right while less than half of the cells hold
+    an echo; where more do, it is too high.
+    """
+    alive = [channel for channel in range(cube.shape[3]) if channel not in dead] or list(range(cube.shape[3]))
+    spectra = range_doppler(cube[0], radar)[..., alive]
+    return float(np.median(np.abs(spectra) ** 2) / np.log(2.0))
+
 
 def write_cube(path: Path, cube: NDArray[np.complexfloating], radar: Radar, capture: Capture) -> None:
     """Write ``path`` in one step; the same content makes the same bytes.
@@ -90,11 +134,13 @@ def write_cube(path: Path, cube: NDArray[np.complexfloating], radar: Radar, capt
 def read_cube(path: Path, radar: str | None) -> CubeFile:
     """A cube with its radar, checked.
 
-    :param radar: a preset or TOML file, which a ``.npy`` needs and which goes before the one in a ``.npz``
+    :param radar: a preset or TOML file, of a ``.npy`` alone
     :raises InputError: a file that is missing, damaged or without what it needs, or that does not fit its radar
     """
     if not path.is_file() or path.suffix not in (".npy", ".npz"):
         raise InputError("INPUT", f"{path}", "the folder of a dataset, or a cube as .npy or .npz")
+    if path.suffix == ".npz" and radar is not None:
+        raise InputError("--radar", f"{radar!r} beside a .npz", f"no --radar: {path} holds its own")
     capture = None
     if path.suffix == ".npy":
         if radar is None:
@@ -105,11 +151,8 @@ def read_cube(path: Path, radar: str | None) -> CubeFile:
         if missing := {"cube", "radar"} - content.keys():
             raise InputError(path, f"no array {min(missing)!r}", "the arrays 'cube' and 'radar'")
         cube = content["cube"]
-        if radar is None:
-            named = {"name": path.stem, **_fields(path, "radar", str(content["radar"]))}
-            found = validated(Radar, named, f"{path}: radar")
-        else:
-            found = load_radar(radar)
+        named = {"name": path.stem, **_fields(path, "radar", str(content["radar"]))}
+        found = validated(Radar, named, f"{path}: radar")
         if "capture" in content:
             entries = unsealed(path, _fields(path, "capture", str(content["capture"])))
             capture = validated(Capture, entries, f"{path}: capture")

@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.dataset.locations import sha256_of
+from shared.dataset.writing import require_new_file
 from shared.physics.errors import InputError, require_utf8
 from shared.physics.units import amplitude_to_db, dbm_to_watt, power_to_db
 from shared.radar import CaptureRadar, Radar, board_radar, load_capture_radar
 from shared.radar.boards import BOARDS
-from shared.signal.spectrum import range_doppler
 from trainer.captures.array_files import read_array_capture
 from trainer.captures.binary_files import DEVICES, LANES, Lanes, cascade_files, read_cascade, read_dca1000
 from trainer.captures.calibration import Calibration, read_calibration
 from trainer.captures.cascade_calibration import is_cascade_calibration, read_cascade_calibration
-from trainer.captures.cube_file import Capture, Scale, write_cube
+from trainer.captures.cube_file import Capture, Scale, measured_noise, write_cube
 from trainer.captures.reading import SUFFIXES, read_arrays
 from trainer.captures.samples import (
     FULL_SCALE,
@@ -64,11 +64,10 @@ def import_capture(
     """Read a capture and write it to ``out``, in one step, as a cube (:mod:`trainer.captures.cube_file`).
 
     :param calibration: file of ``trainer calibrate``, or of TI's scripts for the cascade, to apply
-    :raises InputError: a capture that does not fit board and chirps, a calibration of another board or waveform, a
-        name of ``out`` that is no .npz
+    :raises InputError: a capture that does not fit board and chirps, a calibration of another board or waveform, an
+        ``out`` that is no .npz or there already
     """
-    if out.suffix != ".npz" or not out.parent.is_dir():
-        raise InputError("--out", f"{out}", "a .npz in a folder that is there")
+    require_new_file(out, ".npz")
     found = None if calibration is None else _calibration(calibration, reading)
     raw = read_capture(source, reading)
     cube, dead = raw.cube, raw.dead
@@ -178,17 +177,6 @@ def dead_channels(cube: NDArray[np.complex64]) -> tuple[int, ...]:
     first -= first.mean(axis=1, keepdims=True)
     level = power_to_db(np.mean(np.abs(first) ** 2, axis=(0, 1)))
     return tuple(np.flatnonzero(without_echo(level)).tolist())
-
-
-def measured_noise(cube: NDArray[np.complex64], radar: Radar, dead: tuple[int, ...] = ()) -> float:
-    """Power of one channel in one range-Doppler cell that holds no echo: the median over the first frame's cells.
-
-    Of complex Gaussian noise the median power is ln 2 of the mean. It is right while less than half of the cells hold
-    an echo; where more do, it is too high.
-    """
-    alive = [channel for channel in range(cube.shape[3]) if channel not in dead] or list(range(cube.shape[3]))
-    spectra = range_doppler(cube[0], radar)[..., alive]
-    return float(np.median(np.abs(spectra) ** 2) / np.log(2.0))
 
 
 def _summary(out: Path, cube: NDArray[np.complex64], radar: Radar, capture: Capture) -> list[str]:

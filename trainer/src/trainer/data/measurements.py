@@ -17,7 +17,6 @@ from shared.radar import Radar
 from shared.signal.ego_motion import EgoMotion
 from shared.signal.model_error import NO_MODEL_ERROR_DB, UNCALIBRATED_DB
 from shared.signal.spectrum import doppler_neighbours, range_doppler, select_doppler, unfold
-from shared.signal.windows import cell_noise_power
 from trainer.captures.cube_file import CubeFile, read_cube
 from trainer.data.cfar import cfar_cells
 from trainer.data.motion import read_motion
@@ -85,11 +84,13 @@ class Measurements:
 
     :param dataset: of a dataset, whose truth is on its grid; of a cube otherwise
     :param dead_channels: channels without an echo
+    :param remark: what a user should know of the source, if anything
     """
 
     frames: Iterator[Measurement]
     dataset: bool
     dead_channels: tuple[int, ...] = ()
+    remark: str | None = None
 
     def __iter__(self) -> Iterator[Measurement]:
         return self.frames
@@ -132,7 +133,9 @@ def open_measurements(
         of_cube(source.stem, found, frame, None if motions is None else motions[frame], cells)
         for frame in range(len(found.cube))
     )
-    return found.radar, Measurements(cubes, False, () if found.capture is None else found.capture.dead_channels)
+    dead = () if found.capture is None else found.capture.dead_channels
+    remark = None if found.unit_remark is None else f"{source}: {found.unit_remark}"
+    return found.radar, Measurements(cubes, False, dead, remark)
 
 
 def _of_frame(frame: Frame, radar: Radar, cells: str) -> Measurement:
@@ -168,9 +171,8 @@ def of_cube(
     """
     radar, capture = found.radar, found.capture
     # A cube that was simulated or written by hand has no model error, one whose calibration does not say a usual one.
-    noise_power, error_db = cell_noise_power(radar), NO_MODEL_ERROR_DB
+    noise_power, error_db = found.noise_power, NO_MODEL_ERROR_DB
     if capture is not None:
-        noise_power = capture.noise_power
         error_db = UNCALIBRATED_DB if capture.model_error_db is None else capture.model_error_db
     seen = _cells(found.cube[frame], radar, noise_power, cells)
     name = name if len(found.cube) == 1 else f"{name}-{frame:06d}"

@@ -67,6 +67,11 @@ class LineArray:
         return len(self.positions_m)
 
     @property
+    def tells_no_angle(self) -> bool:
+        """Whether all elements stand at one place along y."""
+        return float(np.ptp(self.positions_m)) <= SPACING_TOLERANCE * self.wavelength_m
+
+    @property
     def spacing_m(self) -> float | None:
         """Largest spacing of a grid that holds all elements [m]; None where there is no such grid.
 

@@ -44,7 +44,7 @@ ROUNDING = 1e-14
 class FittedLines:
     """Lines of B groups of range bins, at most K in each, the strongest first; where there is none NaN and amplitude 0.
 
-    :param u: [B, K] sin(azimuth)
+    :param u: [B, K] sin(azimuth); 0 of an array that tells no angle
     :param amplitude: [B, K] complex [sqrt(W)]
     :param u_std: [B, K] standard deviations of u by the Cramer-Rao bound, at most the array's half period
     :param offset: [B, K] from the group's centre [bins], 0 where a group is one cell
@@ -157,6 +157,8 @@ def fit_groups(
     order = np.argsort(-np.abs(amplitude), axis=1, kind="stable")
     u, half = found[..., 0], array.half_period
     found[..., 0] = (u + half) % (2.0 * half) - half if half < 1.0 else np.clip(u, -1.0, 1.0)
+    if array.tells_no_angle:
+        found[..., 0] *= 0.0  # whatever the fit began at
     deviation[..., 0] = np.minimum(deviation[..., 0], half)
 
     def all_groups(values: NDArray, empty: float) -> NDArray:

@@ -82,7 +82,7 @@ LEAST_BIN = 1.0
 class Detections:
     """N detections, the strongest first.
 
-    :param range_m: [N] by the beat frequency, fitted where a neighbouring bin shows the target, else that of its bin [m]
+    :param range_m: [N] by the beat frequency, fitted where a neighbouring bin shows the target, else its bin's [m]
     :param u: [N] sin(azimuth)
     :param velocity: [N] fitted where the cells beside its Doppler cell are known, else that cell's [m/s]
     :param amplitude_db: [N] of the line in its range-Doppler cell [dB re 1 sqrt(W)]
@@ -91,7 +91,7 @@ class Detections:
     :param range_std: [N] likewise of the range, that of a uniform bin where it is the bin's [m]
     :param velocity_std: [N] likewise of the velocity [m/s]
     :param moving: [N] probability that it does not belong to the static world; NaN where the sensor's own motion is not
-        known
+        known, and of one chirp
     :param doppler_cell: [N] on the rising velocity axis, where its range-Doppler cell stands
     :param snr_db: [N] of the line in its cell, all channels added, over the noise that the fit was told [dB]
     """
@@ -243,8 +243,8 @@ def line_probability(snr_db: NDArray[np.float64], head: NDArray[np.floating] | N
 
 
 def with_moving(found: Detections, motion: EgoMotion | None, radar: Radar) -> Detections:
-    """The detections with ``moving`` by the sensor's motion; as they are where it is not known."""
-    if motion is None:
+    """The detections with ``moving`` by the sensor's motion; as they are where it, or their velocity, is not known."""
+    if motion is None or radar.waveform.chirps == 1:
         return found
     seen = found.range_m, found.u, found.velocity, found.u_std, found.velocity_std
     return replace(found, moving=moving_probability(motion, radar, *seen))

@@ -15,8 +15,7 @@ import onnx
 import onnxruntime
 import torch
 
-from shared.dataset.writing import write_bytes
-from shared.physics.errors import InputError
+from shared.dataset.writing import require_new_file, write_bytes
 from trainer.errors import TrainingStopped
 from trainer.networks.real_unrolled import RealUnrolledNetwork
 from trainer.networks.unrolled import UnrolledNetwork
@@ -58,8 +57,7 @@ def export(run_directory: Path, out: Path) -> Export:
     :raises TrainingStopped: onnxruntime disagrees with torch by more than :data:`TOLERANCE`; nothing is written
     """
     run, imager = load_imager(run_directory)
-    if out.suffix != ".onnx" or not out.parent.is_dir():
-        raise InputError("--out", f"{out}", "a file name ending in .onnx in an existing folder")
+    require_new_file(out, ".onnx")
     generator = np.random.default_rng(0)
     snapshot = generator.standard_normal((1, run.radar.waveform.range_bins, run.radar.array.channels, 2))
     range_channel = torch.from_numpy(snapshot.astype(np.float32).view(np.complex64)[..., 0])

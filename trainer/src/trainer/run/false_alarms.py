@@ -10,7 +10,10 @@ field z of unit variance. Its local maxima with |z|^2 above a high level t have 
 
 with beta = k std(p) over the elements' places p and lambda = |P_b b'|^2 / |b|^2, b(r) the windows' whitened responses
 and P_b the projection off b: the variances of the field's slopes in u and r. Of the maxima one line is listed, the
-highest.
+highest. An array without extent along y is alike at all u: there are no maxima over u, and the densities are
+
+    exp(-t)                                                 a cell, of a group of one bin
+    sqrt(lambda) sqrt(t / pi) exp(-t)                       over r, of more
 
 Only cells are fitted that are chosen for their power X over all C channels. In its own cell a line takes the share
 g(r) = h(r)^2 / |b|^2 of its energy T, and has no slope in u: the rest of X is nearly of a Gamma distribution of shape
@@ -84,7 +87,8 @@ def _threshold(
     every_cell: bool,
 ) -> float:
     array = LineArray(np.array(positions_m), wavelength_m)
-    slope = 2.0 * np.pi / wavelength_m * float(np.std(array.positions_m)) * seen
+    flat = array.tells_no_angle
+    slope = 1.0 if flat else 2.0 * np.pi / wavelength_m * float(np.std(array.positions_m)) * seen
     lobes = _lobes(array)
     beyond, share = np.polynomial.laguerre.laggauss(QUADRATURE)
     tau, likely = cfar_thresholds(shape, channels) if every_cell else strongest_of(shape[1], channels)
@@ -98,13 +102,20 @@ def _threshold(
         """[r, height] by how likely cells are, with thresholds lower by so much."""
         own_share = own[:, None, None]
         rest = np.maximum(tau - lower - own_share * height[:, None], 0.0)
-        return np.asarray(gammaincc(np.maximum(channels - own_share - 0.5, LEAST_SHAPE), rest) @ likely)
+        free = channels - own_share - (0.0 if flat else 0.5)
+        return np.asarray(gammaincc(np.maximum(free, LEAST_SHAPE), rest) @ likely)
+
+    def density(level: float) -> NDArray[np.float64]:
+        """[r] of the maxima above a level, without exp(-level)."""
+        if flat:
+            return along * np.sqrt(level / np.pi) if grouped else along
+        return along * ((2.0 * level - 1.0) / (2.0 * np.pi) if grouped else np.sqrt(level / np.pi))
 
     def excess(level: float) -> float:
         height = level + beyond
-        density = (2.0 * level - 1.0) / (2.0 * np.pi) * along if grouped else np.sqrt(level / np.pi)
-        maxima, more = ((density * width) @ chosen(height, lower) for lower in (0.0, LOWER))
-        maxima = maxima * _highest(height, 1.0 / (1.0 - np.log(more / maxima) / LOWER), lobes)
+        maxima, more = ((density(level) * width) @ chosen(height, lower) for lower in (0.0, LOWER))
+        if len(lobes):
+            maxima = maxima * _highest(height, 1.0 / (1.0 - np.log(more / maxima) / LOWER), lobes)
         return float(np.log(shape[0] * shape[1] * slope * (maxima @ share) / lines) - level)
 
     if excess(LEAST) <= 0.0:

@@ -96,6 +96,15 @@ class PredictRequest:
         if self.method is not None:
             check_method(self.method)
 
+    def require_use(self, answer: Answer) -> None:
+        """Refuse a velocity that nothing asks for.
+
+        :raises InputError: without points, and images that depend on no motion
+        """
+        if self.velocity is not None and not (self.points or answer.uses_motion):
+            problem = f"without --points, and {answer.name!r} uses no velocity"
+            raise InputError("--velocity", problem, "--points beside it, or --method likes-view-ego")
+
 
 def predict(request: PredictRequest, announce: Callable[[str], object] = print) -> int:
     """Image every frame: ``images.parquet``, and what else is asked for; returns the frames imaged.
@@ -105,14 +114,16 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
     out, points_format = request.out, request.points_format
     with output_folder(out, resume=False):
         answer, measurements = _open(request, announce)
+        request.require_use(answer)
         listed = request.listed if request.points else None
         motions = Motions(request.velocity, request.mounting_yaw_deg, request.points or answer.uses_motion)
         predictor = Predictor(answer, motions, listed)
         schema, count = _schema(answer, listed), 0
         if request.points and not is_kept(fit_in_turn):
             announce("the line fit is compiled for this machine, once; that takes about half a minute")
-        if said := statement(answer.radar):
-            announce(said)
+        for said in (statement(answer.radar), measurements.remark):
+            if said:
+                announce(said)
         lists: list[tuple[int, Detections]] = []
         drawn: Future[None] | None = None
         with (

@@ -48,6 +48,10 @@ VERDICT = "verdict.json"
 PICTURE = "pictures/test.png"
 MOST_FRAMES = 64
 """Frames of a dataset's split that are looked at, evenly spaced: a large dataset's end must not take hours."""
+LEAST_FRAMES = 6
+"""Of n frames all stand on one side of the median with probability 2^(1 - n): 6 % of five, more than a 95 % interval
+leaves."""
+UNTOLD = "Whether training helped cannot be said of so few frames"
 SHOWN = 3
 """Frames in the picture: those with the most truth cells."""
 
@@ -99,7 +103,10 @@ class Verdict:
             cells = [
                 cell
                 for scores, over in ((self.nmse, self.nmse_over), (self.average_precision, self.average_precision_over))
-                for cell in (f"{scores[key]:.3f}" if key in scores else "-", _told(over[key]) if key in over else "")
+                for cell in (
+                    f"{scores[key]:.3f}" if key in scores else "-",
+                    self._told(over[key]) if key in over else "",
+                )
             ]
             lines.append(f"  {name:<24} {cells[0]:>6} {cells[1]:>25} {cells[2]:>18} {cells[3]:>25}".rstrip())
         return "\n".join(lines)
@@ -110,21 +117,25 @@ class Verdict:
         told, signs = [], []
         for name, over, better in (("average precision", self.average_precision_over, 1), ("NMSE", self.nmse_over, -1)):
             if begun in over:
-                told.append(f"{name} {_told(over[begun])}")
+                told.append(f"{name} {self._told(over[begun])}")
                 signs.append(better * (int(over[begun].low > 0.0) - int(over[begun].high < 0.0)))
         if not told:
-            return "Whether training helped cannot be said of so few frames."
+            return f"{UNTOLD}."
+        figures = f"{', '.join(told)} over the {NAMES[begun]}."
+        if self.frames < LEAST_FRAMES:
+            return f"{UNTOLD}: {figures}"
         said = {
             (True, False): "Training helped",
             (False, True): "Training harmed",
             (True, True): "Training helped one and harmed the other",
             (False, False): "These frames do not show that training helped",
         }[1 in signs, -1 in signs]
-        return f"{said}: {', '.join(told)} over the {NAMES[begun]}."
+        return f"{said}: {figures}"
 
-
-def _told(interval: Interval) -> str:
-    return f"{interval.value:+.3f} ({interval.low:+.3f} to {interval.high:+.3f})"
+    def _told(self, difference: Interval) -> str:
+        """With its interval, where there are frames enough for one."""
+        ends = f" ({difference.low:+.3f} to {difference.high:+.3f})" if self.frames >= LEAST_FRAMES else ""
+        return f"{difference.value:+.3f}{ends}"
 
 
 @dataclass(frozen=True, eq=False)
