@@ -45,6 +45,8 @@ SMALLER = {
     "trainer predict": ["--no-pictures"],
 }  # fmt: skip
 """Options after those of the text, by command."""
+OF_STORED_PATHS = ["--effects", "all", "--workers", "1"]
+"""In place of those of ``render``: rays were settled by the trace."""
 FEWER_FRAMES = {"datafactory render": "2", "datafactory trace": "2", "datafactory points": "8"}
 """In place of what the text gives ``--frames``."""
 SMALLER_PYTHON = {
@@ -179,7 +181,7 @@ def test_a_reader_follows_the_page(page: Path, place: Path, monkeypatch: pytest.
             if written.is_dir():
                 shutil.rmtree(written)
             written.parent.mkdir(exist_ok=True)
-        smaller = [*arguments, *SMALLER[kind]]
+        smaller = [*arguments, *(OF_STORED_PATHS if "--paths" in arguments else SMALLER[kind])]
         if "--frames" in arguments:
             smaller += ["--frames", FEWER_FRAMES.get(kind, "2")]
         run_program(monkeypatch, program, smaller)
