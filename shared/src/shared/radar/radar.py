@@ -8,7 +8,6 @@ from typing import Annotated, Any
 import numpy as np
 from jaxtyping import Float64
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
-from pydantic_core import InitErrorDetails
 
 from shared.physics.errors import Told
 from shared.physics.units import BOLTZMANN, REFERENCE_TEMPERATURE, db_to_power
@@ -73,8 +72,8 @@ def _virtual_sensor(fields: dict[str, Any]) -> AntennaArray:
             f"carrier_hz = {carrier_hz!r} makes the virtual_sensor of 256 elements, half a wavelength apart, more than "
             "2 m wide; expected Hz, at least 19.2e9, or a table virtual_sensor with positions of its own"
         )
-        place = ("waveform", "carrier_hz")
-        fault = InitErrorDetails(type="value_error", loc=place, input=carrier_hz, ctx={"error": ValueError(problem)})
+        told = {"error": ValueError(problem)}
+        fault: Any = {"type": "value_error", "loc": ("waveform", "carrier_hz"), "input": carrier_hz, "ctx": told}
         raise ValidationError.from_exception_data("Radar", [fault]) from None
 
 

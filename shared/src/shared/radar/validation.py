@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
-from pydantic_core import ErrorDetails
 
 from shared.physics.errors import InputError, meant
 
@@ -67,7 +66,7 @@ def first_validation_error(error: ValidationError, place: str = "", keys: Iterab
     return f"{field} {value}", _expected(fault)
 
 
-def _expected(fault: ErrorDetails) -> str:
+def _expected(fault: Mapping[str, Any]) -> str:
     if fault["type"] in WORDS:
         told = fault.get("ctx", {})
         return WORDS[fault["type"]].format_map({k: f"{v:g}" if isinstance(v, float) else v for k, v in told.items()})
