@@ -40,7 +40,7 @@ EXAMPLES = {
     ),
     "import": (
         "trainer import adc_data.bin --board iwr1843 --out cube.npz",
-        "trainer import adc_data.bin --board iwr1843 --calibration calibration.toml --out cube.npz",
+        "trainer import adc_data.bin --board iwr1843 --calibration calibration.toml --out calibrated.npz",
     ),
 }
 """Two of every command: its help ends with them, and ``tests/documentation/test_help.py`` runs them.

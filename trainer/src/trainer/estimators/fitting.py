@@ -89,12 +89,12 @@ class RangePlace:
 
     :param centre_m: [B] range of each group's centre, above 0
     :param step_m: of a bin
-    :param migration: bins through which an echo may migrate while the frame is recorded
+    :param migration: [B] bins through which an echo may migrate while the frame is recorded; None for none
     """
 
     centre_m: NDArray[np.float64]
     step_m: float
-    migration: float = 0.0
+    migration: NDArray[np.float64] | None = None
 
     def walk(self, array: LineArray) -> NDArray[np.float64]:
         """[C] w_c, by which an echo at u = 1 is displaced in each channel [bins]."""
@@ -146,7 +146,8 @@ def fit_groups(
     amplitude, deviation = np.zeros(found.shape[:2], dtype=np.complex128), np.full(found.shape, np.nan)
     given = np.ascontiguousarray(candidates, dtype=np.float64)[present]
     parts = np.ascontiguousarray(np.stack([x.real, x.imag], axis=1))
-    scales = np.stack([noise, 1.0 / place.centre_m[present]], axis=1)
+    migration = np.zeros(len(cells)) if place.migration is None else place.migration
+    scales = np.stack([noise, 1.0 / place.centre_m[present], migration[present]], axis=1)
 
     def fit_share(first: int) -> None:
         some = slice(first, first + SHARE)
@@ -235,7 +236,6 @@ def _model(array: LineArray, bins: NDArray[np.integer], first: float, further: f
         further=further,
         limit=limit,
         most=most,
-        migration=place.migration,
     )
 
 

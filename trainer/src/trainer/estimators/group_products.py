@@ -64,8 +64,6 @@ class Model(NamedTuple):
     """[most + 1] energy in units of the noise below which nothing is added, by lines"""
     most: int
     """Lines of a group"""
-    migration: float
-    """Bins through which an echo may migrate in a frame"""
 
 
 class Work(NamedTuple):
@@ -122,6 +120,8 @@ class Group(NamedTuple):
     """|x|^2"""
     bend: float
     """1 / R [1/m]"""
+    migration: float
+    """Bins through which an echo may migrate in the frame"""
 
 
 @inlined(error_model="numpy", fastmath={"contract"})

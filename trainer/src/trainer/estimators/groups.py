@@ -87,9 +87,10 @@ DEAR = 20.0
 
 ONE_ANGLE = 0.1
 """Resolution cells: so near are the lines that an echo's range migration makes two of."""
-DISPLACED, WIDENED = 0.13, 0.05
+DISPLACED, WIDENED = 0.2, 0.07
 """Times the migration, and its square: the most of the imaginary part of a migrating echo's mean place, and of its
-variance. Those at the edge of a cell of a Hann window are 0.106 and 0.036; a little is for noise."""
+variance. Those at the edge of a cell of a Hann window are 0.106 and 0.036; where noise just lets a pair pass, at 3.5
+deviations, it moves each by a third of itself."""
 
 
 @part
@@ -254,7 +255,7 @@ def _migrating(model, group, place, lines, work):
     response. By log H in powers of m nu that is h, displaced by -j m H' / (2 pi H) and widened as by a distribution of
     the variance -m^2 (log H)'' / (4 pi^2). The fit knows real places alone, and lays two lines at one angle. Mean place
     and variance of these, weighted by their amplitudes, say whether they are such an echo: m is at most
-    ``model.migration``, and |d| half a cell. Limit: two echoes at one angle that lie as near are one as well.
+    ``group.migration``, and |d| half a cell. Limit: two echoes at one angle that lie as near are one as well.
     """
     evaluate(model, group, place, lines, work, ZERO)
     least_squares(work, ZERO, 1 + group.coordinates, lines)
@@ -268,7 +269,7 @@ def _migrating(model, group, place, lines, work):
             apart, total = place[first, 1] - place[other, 1], amplitude[first] + amplitude[other]
             share = amplitude[first] / total if abs(total) > 0.0 else 0.5 + 0.0j
             spread = abs(share * (1.0 - share)) * apart**2
-            if abs(share.imag * apart) < DISPLACED * model.migration and spread < WIDENED * model.migration**2:
+            if abs(share.imag * apart) < DISPLACED * group.migration and spread < WIDENED * group.migration**2:
                 for axis in range(2):
                     place[other, axis] += share.real * (place[first, axis] - place[other, axis])
                 amplitude[other] = total
@@ -324,7 +325,7 @@ def fit_in_turn(model, x, scale, given, place, amplitude, deviation):
     """Fit G groups of equal cells.
 
     :param x: [G, 2, MOST_CELLS, C] see :class:`.group_products.Group`
-    :param scale: [G, 2] noise power of one element in the scale of x, 1 / R [1/m]
+    :param scale: [G, 3] noise power of one element in the scale of x, 1 / R [1/m], migration [bins]
     :param given: [G, n] angles to begin with, NaN for none
     :param place: [G, most, 2] filled with u and range offsets [bins], NaN where there is no line
     :param amplitude: [G, most], filled; :param deviation: [G, most, 2] of the places, filled
@@ -336,7 +337,7 @@ def fit_in_turn(model, x, scale, given, place, amplitude, deviation):
         for m in range(x.shape[2]):
             for c in range(x.shape[3]):
                 energy += x[index, 0, m, c] ** 2 + x[index, 1, m, c] ** 2
-        group = Group(x[index], coordinates, scale[index, 0], energy, scale[index, 1])
+        group = Group(x[index], coordinates, scale[index, 0], energy, scale[index, 1], scale[index, 2])
         work = empty_work(most, coordinates, x.shape[3], len(model.axis))
         found = np.zeros((most, 2))
         lines = _fit(model, group, given[index], found, work)

@@ -19,6 +19,7 @@ from scipy.special import expit, logit
 from shared.physics.errors import InputError
 from shared.physics.units import amplitude_to_db, db_to_power, power_to_db
 from shared.radar import Radar
+from shared.radar.waveform import Waveform
 from shared.signal.ego_motion import EgoMotion, moving_probability
 from shared.signal.model_error import model_error_ratio, with_model_error
 from trainer.data.measurements import Cells
@@ -74,6 +75,8 @@ HIGHEST_DB = 45.0
 """Beyond, a line is as often a ghost of a strong echo as an echo: what is stronger is no more likely."""
 LEAST_HEAD = 1e-4
 """Of h and of 1 - h: their logit stays finite, and heads of less do not differ."""
+MOST_MIGRATION = 2.0
+"""Bins: an echo that migrates farther is no longer told by a mean place and a variance (step 8 of the fit)."""
 LEAST_BIN = 1.0
 """Nearer stands what leaks from the TX into the RX, at range zero, of any phase in each channel."""
 
@@ -159,8 +162,6 @@ def find_detections(
     further = line_threshold(array, min(sought.false_alarms / max(len(row), 1), FALSE_ALARM))
     test = GroupTest(sought.noise_power, sought.model_error_db, first, further)
     candidates = score_peaks(score, axis, CANDIDATES)
-    # At the span of its velocity axis, which is the most that one fold leaves open.
-    migration = waveform.chirps * waveform.bandwidth_hz / waveform.carrier_hz
     found, part = [], []
     for peaks_at, members in _patterns(peak, row, cells, new):
         bins = np.array(list(peaks_at))
@@ -170,6 +171,7 @@ def find_detections(
             np.stack([there[place] for place in places], axis=1) * straight[row[members], None]
             for there in (snapshots, *(() if seen.beside is None else seen.beside))
         )
+        migration = _migration(cells[peak, row][members], waveform)
         at = RangePlace(range_m[row[members]], waveform.range_step_m, migration)
         fitted = fit_groups(values, bins, array, at, candidates[members], test)
         power = np.mean(np.abs(values) ** 2, axis=2)
@@ -284,6 +286,16 @@ def _centres(
 def _place(cell: NDArray[np.int64], row: NDArray[np.integer]) -> NDArray[np.int64]:
     """A number for each Doppler cell and range bin; that of the next bin is one more."""
     return cell * MOST_BINS + row
+
+
+def _migration(cell: NDArray[np.int64], waveform: Waveform) -> NDArray[np.float64]:
+    """[n] range bins through which an echo migrates in the frame, at most: v T over a bin is d B / f_c in cell d.
+
+    The velocity may be folded once, unless the echo would migrate by more than MOST_MIGRATION then.
+    """
+    bins_a_cell = waveform.bandwidth_hz / waveform.carrier_hz
+    own, folded = np.abs(cell) * bins_a_cell, (waveform.chirps - np.abs(cell)) * bins_a_cell
+    return np.where(folded <= MOST_MIGRATION, folded, np.minimum(own, MOST_MIGRATION))
 
 
 def _peak_in(
