@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel
 
 from datafactory.accuracy.knobs import Effort, KnobSettings, Sample
 from datafactory.paths.cells import cell_power
@@ -60,13 +60,11 @@ def peak_error(value: NDArray, reference: NDArray) -> float:
     return difference / peak if peak > 0.0 else float(difference > 0.0)
 
 
-class Errors(BaseModel):
+class Errors(BaseModel, frozen=True, extra="forbid"):
     """The three errors [dB], the largest over the frames, to 0.1 dB so that the last bits of a sum do not decide.
 
     None of cube and image where only paths are made.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     cube_db: float | None
     image_db: float | None

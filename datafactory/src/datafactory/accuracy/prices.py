@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel
 
 from datafactory.accuracy.knobs import KNOBS, POWER_KNOBS, REFERENCE_DEPTH, SIGNAL_KNOBS, KnobSettings, Menu, Sample
 from datafactory.accuracy.looking import Clock, Outcome, made, reference_of
@@ -53,15 +53,13 @@ _USUAL = Radar()
 """That the rates are for."""
 
 
-class Price(BaseModel):
+class Price(BaseModel, frozen=True, extra="forbid"):
     """One setting of one knob: its errors in every frame, empty where it can have none.
 
     :param cube, image, power: amplitude ratios, see :mod:`datafactory.accuracy.power`
     :param bias: total power over the reference's; of signal knobs that of the image
     :param paths: mean number, of power knobs before pruning
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     knob: str
     value: float
@@ -72,10 +70,8 @@ class Price(BaseModel):
     paths: float
 
 
-class Prices(BaseModel):
+class Prices(BaseModel, frozen=True, extra="forbid"):
     """The prices of a scene; of paths alone those of power knobs."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     prices: tuple[Price, ...]
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, model_validator
+from pydantic import BaseModel, Field, FiniteFloat, TypeAdapter, model_validator
 
 from datafactory.paths.echo_points import Seen, all_echo_points
 from datafactory.paths.table import PathTable, ScatteredPaths
@@ -160,9 +160,7 @@ def draw_close_targets(radar: Radar, settings: CloseTargets, generator: np.rando
     return PointTargets(position, np.zeros_like(position), np.concatenate(rcs), phase)
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-
+class _Entry(BaseModel, extra="forbid"):
     x: Coordinate
     y: Coordinate
     z: Coordinate = 0.0

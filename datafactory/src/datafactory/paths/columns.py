@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Self
@@ -45,7 +46,7 @@ class Columns:
 
 
 @dataclass(frozen=True)
-class Placed(Columns):
+class Placed(Columns, ABC):
     """Things of a scene: in world coordinates at time 0 as they are found, in the radar's after :meth:`seen_from`.
 
     :param velocity: [n, 3] [m/s]
@@ -68,9 +69,9 @@ class Placed(Columns):
         """The same things with the motions of meshes [n] of a merged scene at its time."""
         return replace(self, velocity=merged_scene.velocities[mesh], shift=merged_scene.shifts[mesh])
 
+    @abstractmethod
     def nearest(self) -> Real:
         """[n, 3] the point of each that lies nearest to the origin [m]."""
-        raise NotImplementedError
 
     def within(self, distance_m: float) -> Self:
         """Those of which a part lies nearer than this to the origin [m]: in the radar frame, those in range."""

@@ -78,6 +78,7 @@ def scattered_rows(part: Bundle, view: View, fan: RayFan) -> list[ScatteredPaths
     count, depth = part.interactions.shape
     if not count:
         return []
+    # A name of its own: into a temporary value NumPy multiplies with the factors exchanged, and last bits differ.
     of_surfaces = _of_surfaces(part, view)
     amplitude = part.amplitude * of_surfaces * np.sqrt(fan.solid_angle_ratio(part.vertices[:, 0]))
     velocities, owner, kinds = _velocities(part, view), view.merged.owner[part.triangles[:, -1]], _kinds(part)

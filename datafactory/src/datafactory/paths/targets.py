@@ -36,6 +36,7 @@ from shared.physics.units import db_to_power
 from shared.physics.vectors import Complex, Index, Mask, Real, lengths
 
 EDGES_PER_TARGET = 4
+"""Ways to a hidden target that are used, the strongest, each out with each back; weaker ones are counted."""
 TARGETS_AT_ONCE = 64
 """Targets whose edges are looked at together: two thousand edges each in a city, some ten megabytes."""
 ORIGIN = np.zeros(3)

@@ -37,6 +37,7 @@ AXES: tuple[Polarization, Polarization] = ("V", "H")
 """Components of a field across a direction: along theta^ and phi^."""
 
 MAXIMUM_CROSSINGS = 8
+"""Surfaces on a line that are followed: four panes that are modelled as boxes."""
 FADED = 1e-6
 """One-way field behind surfaces that is not followed any further: a hundredth of what counts anywhere."""
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, fields, replace
 from importlib.metadata import version
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter
+from pydantic import BaseModel, TypeAdapter
 
 from datafactory.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN, DEFAULT_RAYS, Announce
 from datafactory.effects.catalogue import ALL, NO_CHOICE, PATH_EFFECTS, EffectSet
@@ -54,14 +54,12 @@ class _Arguments(BaseModel):
     tracks: list[Any] = []
 
 
-class Traced(BaseModel):
+class Traced(BaseModel, frozen=True):
     """What rendering needs to know of the manifest of a folder that ``datafactory trace`` wrote.
 
     :param scenes: the entries of its scenes
     :param checksums: SHA-256 of its shards, in their order
     """
-
-    model_config = ConfigDict(frozen=True)
 
     arguments: _Arguments
     scenes: list[dict[str, Any]]

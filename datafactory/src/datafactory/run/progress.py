@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ValidationError
 
 from datafactory.run.card import CARD, card
 from datafactory.run.shards import ENTRY, ShardPlan
@@ -38,15 +38,13 @@ LONGEST_VALUE = 200
 """Characters of an argument that are shown."""
 
 
-class FinishedShard(BaseModel):
+class FinishedShard(BaseModel, frozen=True, extra="forbid"):
     """A shard that is whole.
 
     :param record: its entry in the manifest
     :param counts: what its frames counted (rays, targets left out, ...), added up in the manifest
     :param fingerprint: of the arguments it was made with, see :func:`fingerprint`
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     record: ShardRecord
     counts: dict[str, int | float]

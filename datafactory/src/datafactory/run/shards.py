@@ -21,7 +21,7 @@ from typing import Annotated, Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from datafactory.defaults import CPU
 from datafactory.frame.deal import split_of
@@ -260,14 +260,12 @@ def is_job_folder(name: str) -> bool:
     return re.fullmatch(r"job-[0-9]+-of-[0-9]+", name) is not None
 
 
-class JobEntry(BaseModel):
+class JobEntry(BaseModel, frozen=True):
     """What a job's manifest says beside what every manifest does.
 
     :param frames: of the whole dataset
     :param split: pattern of the whole dataset; None for traced paths
     """
-
-    model_config = ConfigDict(frozen=True)
 
     frames: Annotated[int, Field(ge=1)]
     split: str | None

@@ -16,7 +16,7 @@ from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, ValidationError
+from pydantic import BaseModel, Field, FiniteFloat, TypeAdapter, ValidationError
 from scipy.spatial.transform import Rotation
 
 from datafactory.scenes.ground import Ground
@@ -96,10 +96,8 @@ Velocity = Annotated[list[Speed], Field(min_length=3, max_length=3)]
 Time = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
 
 
-class PoseEntry(BaseModel):
+class PoseEntry(BaseModel, extra="forbid", strict=True):
     """One entry of a poses file."""
-
-    model_config = ConfigDict(extra="forbid", strict=True)
 
     position: _Position
     yaw_deg: FiniteFloat = 0.0

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, ValidationError
+from pydantic import BaseModel, Field, FiniteFloat, TypeAdapter, ValidationError
 from scipy.spatial.transform import Rotation, Slerp
 
 from datafactory.scenes.motion import Real, triple
@@ -112,10 +112,8 @@ def nearest_m(one: Sequence[Pose], other: Sequence[Pose]) -> float:
     return float(distance.min())
 
 
-class _Line(BaseModel):
+class _Line(BaseModel, extra="forbid"):
     """One line of a table; numbers are parsed from text."""
-
-    model_config = ConfigDict(extra="forbid")
 
     time: Time
     x: Coordinate

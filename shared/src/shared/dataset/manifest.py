@@ -11,7 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from shared.dataset import VERSION
 from shared.dataset.documents import read_json, sealed, unsealed
@@ -23,7 +23,7 @@ from shared.radar import validated
 MANIFEST = "manifest.json"
 
 
-class ShardRecord(BaseModel):
+class ShardRecord(BaseModel, frozen=True, extra="forbid"):
     """What the manifest says about one shard.
 
     :param path: relative to the dataset's folder, with forward slashes
@@ -31,8 +31,6 @@ class ShardRecord(BaseModel):
     :param bytes: size of the file
     :param sha256: of the file, in hexadecimal
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     path: Annotated[str, Field(pattern=r"^(train|validation|test|paths)/part-[0-9]{5,}\.parquet$")]
     rows: Annotated[int, Field(ge=1, strict=True)]

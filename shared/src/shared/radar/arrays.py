@@ -11,7 +11,7 @@ from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float, Float64, Int
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import BaseModel, Field, FiniteFloat, model_validator
 
 from shared.physics.errors import Told
 from shared.physics.units import SPEED_OF_LIGHT
@@ -31,14 +31,12 @@ MOST_CHANNELS = 2**14
 """Some eight times the largest imaging radars."""
 
 
-class AntennaArray(Told, BaseModel):
+class AntennaArray(Told, BaseModel, frozen=True, extra="forbid"):
     """A MIMO array of TX and RX phase centres.
 
     :param tx_m: TX positions in the radar frame [m]
     :param rx_m: RX positions in the radar frame [m]
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     tx_m: Annotated[tuple[Position, ...], Field(min_length=1)]
     rx_m: Annotated[tuple[Position, ...], Field(min_length=1)]

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field, StrictFloat, ValidationError
+from pydantic import BaseModel, Field, StrictFloat, ValidationError
 
 from shared.physics.errors import InputError, meant
 from shared.radar.antenna import PatchPattern, read_table
@@ -143,10 +143,8 @@ def _on_board(path: Path, document: dict[str, Any]) -> tuple[bool, tuple[int, ..
     return real, rx
 
 
-class _TableFile(BaseModel):
+class _TableFile(BaseModel, extra="forbid"):
     """A pattern that is named by the file of its table."""
-
-    model_config = ConfigDict(extra="forbid")
 
     kind: Literal["table"]
     file: Annotated[str, Field(min_length=1)]

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float64
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_validator
 
 from shared.physics.errors import Told
 from shared.physics.units import BOLTZMANN, REFERENCE_TEMPERATURE, db_to_power
@@ -77,7 +77,7 @@ def _virtual_sensor(fields: dict[str, Any]) -> AntennaArray:
         raise ValidationError.from_exception_data("Radar", [fault]) from None
 
 
-class Radar(Told, BaseModel):
+class Radar(Told, BaseModel, frozen=True, extra="forbid"):
     """Everything about the sensor; frozen, and written into what is made with it.
 
     :param name: preset name or the TOML file's own
@@ -87,8 +87,6 @@ class Radar(Told, BaseModel):
     :param grid: the angle axis of images
     :param virtual_sensor: the truth's array, at the same origin
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str = "custom"
     waveform: Waveform = Field(default_factory=Waveform)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, ValidationError, model_validator
 
 from shared.physics.errors import InputError, meant
 
@@ -32,10 +32,8 @@ WORDS = {
 """What would be right, by the kind of pydantic's error; the others begin with "Input should be"."""
 
 
-class Described(BaseModel):
+class Described(BaseModel, frozen=True, extra="forbid"):
     """A frozen description. Text, true and false are no numbers in it, though pydantic would take them."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     @model_validator(mode="before")
     @classmethod

@@ -86,7 +86,8 @@ DEAR = 20.0
 """Times the threshold: a line that costs so much more and has no neighbour is not tried without."""
 
 ONE_ANGLE = 0.1
-"""Resolution cells: so near are the lines that an echo's range migration makes two of."""
+"""Resolution cells: so near are the lines that an echo's range migration makes two of.
+Pairs a quarter of a cell apart, which the channels tell, stay two."""
 DISPLACED, WIDENED = 0.2, 0.07
 """Times the migration, and its square: the most of the imaginary part of a migrating echo's mean place, and of its
 variance. Those at the edge of a cell of a Hann window are 0.106 and 0.036; where noise just lets a pair pass, at 3.5

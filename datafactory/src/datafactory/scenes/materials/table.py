@@ -14,7 +14,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_validator
 
 from datafactory.scenes.materials.reflectivity import scattering_coefficient_for_sigma0
 from shared.physics.errors import InputError, meant
@@ -143,7 +143,7 @@ class MaterialTable:
 Fraction = Annotated[FiniteFloat, Field(ge=0, le=1)]
 
 
-class MaterialEntry(BaseModel):
+class MaterialEntry(BaseModel, frozen=True, extra="forbid", strict=True):
     """One ``[material.NAME]`` table, after it was laid over the built-in one of the same name.
 
     :param relative_permittivity: real part
@@ -159,8 +159,6 @@ class MaterialEntry(BaseModel):
     :param aliases: other names of the substance
     :param uses: things usually made of it; they give way to a substance in the same name
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     # The upper limits lie far beyond any substance, and below what squares and quotients of them can overflow.
     relative_permittivity: Annotated[FiniteFloat, Field(ge=1, le=1e9)]
@@ -203,15 +201,13 @@ class MaterialEntry(BaseModel):
         return Material(name, *electrical, self.pattern, self.source, (lower, upper), tuple(self.assumptions))
 
 
-class MaterialFile(BaseModel):
+class MaterialFile(BaseModel, frozen=True, extra="forbid", strict=True):
     """A materials file: the outer form, its tables still raw.
 
     :param material: a table ``[material.NAME]`` for each material that is changed or added
     :param map: ``[map]``: names of the scene, as it gives them, to materials
     :param default: the material of unknown names
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     material: dict[str, dict[str, Any]] = {}
     map: dict[str, str] = {}

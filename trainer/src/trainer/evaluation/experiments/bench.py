@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from shared.dataset.locations import Location
 from shared.processes.defaults import LARGEST_SEED
@@ -30,7 +30,7 @@ KEPT = 2
 DEFAULT_ARRAYS = ("sparse6", "sparse4", "full")
 
 
-class EvaluationConfig(BaseModel):
+class EvaluationConfig(BaseModel, frozen=True, extra="forbid"):
     """Who is compared by what, and how much is computed.
 
     :param runs: run folders of trainer fit, each evaluated on its own array
@@ -43,8 +43,6 @@ class EvaluationConfig(BaseModel):
     :param trials: simulated trials of each condition
     :param seed: of trials, noise and bootstrap
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     runs: tuple[Path, ...] = ()
     methods: tuple[str, ...] | None = None
