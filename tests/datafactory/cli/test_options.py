@@ -63,8 +63,9 @@ def test_a_function_has_the_names_the_defaults_and_the_texts() -> None:
     ("given", "message"),
     [
         ({"count": 9}, "--count: 9; expected 1 to 8"),
-        ({"count": "x"}, "--count: 'x'; expected 1 to 8"),
-        ({"count": [2]}, "--count: [2]; expected 1 to 8"),
+        ({"count": "x"}, "--count: 'x'; expected a whole number, 1 to 8"),
+        ({"count": [2]}, "--count: [2]; expected a whole number, 1 to 8"),
+        ({"count": 2.5}, "--count: 2.5; expected a whole number, 1 to 8"),
         ({"colour": 5}, "--colour: 5; expected one of red, blue"),
         ({"colour": "blu"}, "--colour: 'blu'; expected one of red, blue; did you mean 'blue'?"),
     ],

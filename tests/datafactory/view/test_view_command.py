@@ -100,6 +100,8 @@ def test_traced_paths_are_looked_at_in_their_own_scene(tmp_path: Path) -> None:
         view(SCENES / "street.usda", tmp_path / "other.html", paths=tmp_path / "paths")
     with pytest.raises(InputError, match="--frame: 2; expected 0 to 1"):
         view(None, tmp_path / "other.html", paths=tmp_path / "paths", frame=2)
+    with pytest.raises(InputError, match="--rays: beside --paths: the trace has settled it"):
+        view(None, tmp_path / "other.html", paths=tmp_path / "paths", rays=RAYS)
     assert not (tmp_path / "other.html").exists()
 
 
@@ -123,7 +125,7 @@ def test_a_frame_of_a_track_is_looked_at(tmp_path: Path) -> None:
 def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, arguments: list[object], message: str) -> None:
     words = [str(word).replace("OUT", str(tmp_path)) for word in arguments]
     with pytest.raises(InputError) as caught:
-        run("view", "--rays", RAYS, *words)
+        run("view", *words)
     assert message in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 

@@ -67,12 +67,12 @@ def load_scene(asked: LoadOptions) -> Scene:
         has no free ground
     """
     scene, traffic = asked.source, asked.populate
+    traffic = parse_populate(traffic) if isinstance(traffic, str) else traffic
     reading = Reading(parse_variants(asked.variant), asked.allow_missing)
     if not isinstance(scene, Scene):
         scene = open_scene(str(scene), reading)
     elif reading != Reading():
         raise InputError(scene.name, "has been read", "--variant and --allow-missing of a file")
-    traffic = parse_populate(traffic) if isinstance(traffic, str) else traffic
     return scene if traffic is None else populated(scene, traffic, asked.seed)
 
 

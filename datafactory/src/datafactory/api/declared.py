@@ -11,7 +11,9 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import update_wrapper
-from typing import Any, ClassVar, ForwardRef, NamedTuple, ParamSpec, TypeVar, dataclass_transform
+from numbers import Integral, Real
+from types import NoneType
+from typing import Any, ClassVar, ForwardRef, NamedTuple, ParamSpec, TypeVar, dataclass_transform, get_args
 
 from shared.physics.errors import InputError, meant
 
@@ -21,6 +23,12 @@ A = TypeVar("A", bound="Options")
 
 HEADINGS = ("", "Scene", "Sensor", "Sampling", "Effects and accuracy", "Output", "Execution")
 """Of groups, in the order in which help has them; the first is for all others."""
+
+
+PLAIN: dict[type, tuple[type, str]] = {
+    int: (Integral, "a whole number"), float: (Real, "a number"), str: (str, "a text"), NoneType: (NoneType, "None")
+}  # fmt: skip
+"""Types that are checked: what a value is to be, and how a user is told. Of other types any value is taken here."""
 
 
 @dataclass(frozen=True)
@@ -55,22 +63,12 @@ class Option:
     shown: bool = True
     first: bool = False
 
-    def check(self, flag: str, value: Any) -> None:
-        """:raises InputError: a value out of bounds, or no number where there are bounds, or none of the choices"""
-        if self.choices and value not in self.choices:
-            raise InputError(flag, repr(value), f"one of {', '.join(self.choices)}{meant(str(value), self.choices)}")
-        bounded = (self.least, self.most) != (Option.least, Option.most)
-        if bounded and value is not None and not self._within_bounds(value):
-            at_least = self.most == Option.most
-            raise InputError(
-                flag, f"{value!r}", f"at least {self.least:g}" if at_least else f"{self.least:.12g} to {self.most:.12g}"
-            )
-
-    def _within_bounds(self, value: Any) -> bool:
-        try:
-            return bool(self.least <= value <= self.most)
-        except (TypeError, ValueError):  # no number
-            return False
+    @property
+    def bounds(self) -> str:
+        """What a number may be, as a user reads it; "" where it may be any."""
+        if self.most < float("inf"):
+            return f"{self.least:.12g} to {self.most:.12g}"
+        return f"at least {self.least:g}" if self.least > float("-inf") else ""
 
 
 class Declared(NamedTuple):
@@ -82,6 +80,18 @@ class Declared(NamedTuple):
     default: Any
     heading: str
     option: Option
+
+    def check(self, value: Any) -> None:
+        """:raises InputError: none of the choices, a value of another type than a plain one, or out of bounds"""
+        choices, bounds = self.option.choices, self.option.bounds
+        if choices and value not in choices:
+            raise InputError(self.flag, repr(value), f"one of {', '.join(choices)}{meant(str(value), choices)}")
+        kinds = get_args(self.annotation) or (self.annotation,)
+        if not any(isinstance(value, PLAIN.get(kind, (object, ""))[0]) for kind in kinds):
+            plain = " or ".join(PLAIN[kind][1] for kind in kinds)
+            raise InputError(self.flag, repr(value), ", ".join(filter(None, (plain, bounds))))
+        if bounds and value is not None and not self.option.least <= value <= self.option.most:
+            raise InputError(self.flag, repr(value), bounds)
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(field,))
@@ -98,9 +108,9 @@ class Options:
         dataclass(frozen=True, kw_only=True)(cls)
 
     def __post_init__(self) -> None:
-        """:raises InputError: see :meth:`Option.check`"""
+        """:raises InputError: see :meth:`Declared.check`"""
         for item in declared(type(self)):
-            item.option.check(item.flag, getattr(self, item.name))
+            item.check(getattr(self, item.name))
 
 
 def declared(group: Callable[..., Options]) -> list[Declared]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from datafactory.api.asking import materials_of, order_of, scenes_of
 from datafactory.api.declared import common, taking
-from datafactory.api.options import OrderOptions, ViewOptions
+from datafactory.api.options import OrderOptions, SceneOptions, ViewOptions
 from datafactory.frame.chain import SceneSource, StoredSource, narrowed
 from datafactory.paths.backend import set_threads
 from datafactory.run.preparation import prepare, prepared_scene
@@ -63,7 +63,9 @@ def _traced_now(asked: ViewOptions) -> Subject:
 
 def _traced_before(asked: ViewOptions, folder: Location) -> Subject:
     """The frame of a row of stored paths, in the scene that the manifest names, or in that one from elsewhere."""
-    order = order_of(OrderOptions(None, paths=folder, radar=asked.radar, frames=0))
+    # How the scene is read and what it is made of is for what is shown beside the paths. All effects are those traced.
+    ours = {**vars(SceneOptions()), "scenes": None, "effects": "auto" if asked.effects == "all" else asked.effects}
+    order = order_of(common(OrderOptions, asked, **ours))
     assert order.traced is not None  # by its paths
     _require_frame(asked.frame, len(order.stored))
     traced = StoredSource(order.stored[asked.frame], order.of_scenes).traced(order.radar)

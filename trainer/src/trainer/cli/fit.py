@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -106,5 +107,5 @@ def fit(
     if not is_first():
         return
     # The located name is shown: a URI as given may hold a key.
-    data = locate(datasets[0])
-    announce(f"run in {out}; curves: tensorboard --logdir {out}; next: trainer predict {out} {data} --out DIR")
+    data, run = shlex.quote(str(locate(datasets[0]))), shlex.quote(str(out))
+    announce(f"run in {out}; curves: tensorboard --logdir {run}; next: trainer predict {run} {data} --out DIR")
