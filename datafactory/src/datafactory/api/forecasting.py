@@ -1,7 +1,7 @@
 """What a run will take, before it is begun: ``datafactory render --dry-run``.
 
-Paths are not known before a frame is traced. So time follows from rates of one machine: seconds a ray, a path and a
-sample, by which the same run has the same forecast everywhere.
+Paths are not known before a frame is traced. So time follows from the rates of one machine by which an error budget
+chooses, see :func:`datafactory.accuracy.prices.work`: the same run has the same forecast everywhere.
 """
 
 from __future__ import annotations
@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 
+from datafactory.accuracy.knobs import KnobSettings
+from datafactory.accuracy.prices import trace_work, work
 from datafactory.defaults import CPU
 from datafactory.run.memory import (
     CLOSE_TARGETS,
@@ -25,14 +27,8 @@ from datafactory.run.shards import parse_job
 from shared.dataset.locations import Location, RemotePath
 from shared.processes.machine import usable_memory
 
-RAY_S = 7e-6
-"""Of a ray: 0.8 to 2.1 s for 2e5 of them in a canyon, munich and the shipped street (a manifest's ``step_seconds``)."""
-PATH_S = 1.3e-5
-"""Of a path's share in cube and truth of the default radar: 2.0 s for 1.5e5 paths."""
-SAMPLE_S = 7e-8
-"""Of a sample of the cube, in receiver, spectra and image: 0.45 s for 48 x 128 x 1024."""
-CHANNELS = 48 + 256
-"""Of the default radar and its truth, which ``PATH_S`` is for."""
+RECEIVER_S = 1.7e-8
+"""Of a sample of the cube, noise and what receives it: 0.11 s for 48 x 128 x 1024."""
 PATHS_A_RAY = 0.7
 """Paths of a frame for each ray, after thinning and pruning: 0.60 to 0.78 in the same three scenes."""
 
@@ -85,11 +81,11 @@ def forecast(recipe: Recipe, directory: Location, workers: int, shard: str | Non
     for number in range(deal.scenes):
         for frame_id in deal.frames_of(number)[:1]:
             deal.frame(frame_id)  # a scene without free ground is refused here
-    waveform, channels = radar.waveform, radar.array.channels
-    rays = float(settings.trace.rays)
-    of_points = SAMPLE_S * channels * waveform.chirps * waveform.samples
-    synthesis = PATH_S * PATHS_A_RAY * rays * (channels + radar.virtual_sensor.channels) / CHANNELS
-    of_scene = of_points + synthesis + (0.0 if deal.stored else RAY_S * rays)
+    knobs = KnobSettings.of(settings)
+    tracing = trace_work(knobs)
+    receiving = RECEIVER_S * radar.array.channels * radar.waveform.chirps * radar.waveform.samples
+    of_points = receiving + work(knobs, 0.0, radar) - tracing  # a few targets are no work
+    of_scene = receiving + work(knobs, PATHS_A_RAY * knobs.rays, radar) - (tracing if deal.stored else 0.0)
     if shard is not None:
         plans = parse_job(shard).own(plans)
     frames = Counter[str]()
