@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import platform
 import sys
 from collections.abc import Callable, Mapping
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from datafactory.defaults import Announce
-from shared.dataset.documents import read_json, sealed, unsealed
+from shared.dataset.documents import code_fingerprint, digest, read_json, sealed, unsealed
 from shared.dataset.writing import write_json
 from shared.physics.errors import InputError
 
@@ -38,8 +35,8 @@ def cached(
     :param measure: takes the file that will hold its result
     :param announce: takes a line where the cache is damaged or cannot be written; the run goes on without it
     """
-    document = json.dumps({**inputs, "kind": kind.__name__, "code": _code_hash()}, sort_keys=True, allow_nan=False)
-    path = folder / f"{hashlib.sha256(document.encode()).hexdigest()}.json"
+    code = code_fingerprint("shared", "datafactory")
+    path = folder / f"{digest({**inputs, 'kind': kind.__name__, 'code': code})}.json"
     if path.exists():
         try:
             return kind.model_validate(unsealed(path, read_json(path, "what was measured before")))
@@ -55,15 +52,3 @@ def cached(
     except OSError as error:
         announce(f"{path}: cannot be kept ({error.strerror}); it will be measured again next time")
     return value
-
-
-def _code_hash() -> str:
-    """SHA-256 over the sources of the two packages, so that changed code never meets old measurements."""
-    digest = hashlib.sha256()
-    for package in ("shared", "datafactory"):
-        spec = find_spec(package)
-        # Both packages are imported above: they have a place.
-        root = Path(str(spec.origin if spec else "")).parent
-        for path in sorted(root.rglob("*.py")):
-            digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()

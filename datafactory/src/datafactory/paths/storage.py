@@ -23,7 +23,7 @@ from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.scenes.boxes import SeenThing
 from datafactory.scenes.poses import Pose
 from shared.dataset.locations import Location
-from shared.dataset.reading import open_shard
+from shared.dataset.reading import open_shard, read_row
 from shared.physics.errors import InputError
 from shared.physics.vectors import Mask, Real
 
@@ -215,13 +215,10 @@ def read_frame_paths(path: Location, row: int) -> TracedFrame:
     :raises InputError: a file that is not a paths shard, or that has fewer rows
     """
     with _opened(path) as file:
-        first = 0
-        for group in range(file.num_row_groups):
-            rows = file.metadata.row_group(group).num_rows
-            if first <= row < first + rows:
-                return _understood(path, *file.read_row_group(group).slice(row - first, 1).to_batches())
-            first += rows
-    raise InputError(path, f"{first} rows, row {row} was asked for", "an undamaged paths shard")
+        rows = file.metadata.num_rows
+        if not 0 <= row < rows:
+            raise InputError(path, f"{rows} rows, row {row} was asked for", "an undamaged paths shard")
+        return _understood(path, read_row(path, file, row, file.schema_arrow.names))
 
 
 def _understood(path: Location, batch: pa.RecordBatch) -> TracedFrame:

@@ -24,7 +24,6 @@ from datafactory.run.progress import (
     begin,
     claimed,
     completed,
-    fingerprint,
     finish,
     first_difference,
     is_begun,
@@ -32,7 +31,7 @@ from datafactory.run.progress import (
     record_finished,
 )
 from datafactory.run.shards import ARGUMENT, ENTRY, ArrayJob, JobEntry, ShardPlan, is_job_folder, parse_job, provenance
-from shared.dataset.documents import MADE
+from shared.dataset.documents import MADE, digest
 from shared.dataset.folder import MANIFEST
 from shared.dataset.manifest import read_manifest
 from shared.dataset.writing import PARTIAL, atomic
@@ -120,7 +119,7 @@ def shards_of_all(jobs: Sequence[FinishedJob], todo: Mapping[ShardPlan, Finished
     :param todo: shards that are not in the dataset yet, see :func:`makers`
     :raises InputError: shards that are not as their jobs noted them; two jobs made a shard with other bytes
     """
-    plans, mark = jobs[0].entry.plans(), fingerprint(jobs[0].arguments)
+    plans, mark = jobs[0].entry.plans(), digest(jobs[0].arguments)
     made: Sources = {}
     for done, job in enumerate(jobs):
         advance("checking", done, len(jobs))
@@ -208,7 +207,7 @@ def merge(folders: Sequence[Path], directory: Path, resume: bool, announce: Anno
         if resume and begin(directory, arguments, resume):
             announce(f"{directory} is already complete")
             return Report(directory, frames, 0, len(plans), {}, time.perf_counter() - started)
-        kept = completed(directory, plans, fingerprint(arguments)).shards
+        kept = completed(directory, plans, digest(arguments)).shards
         todo = shards_of_all(jobs, {plan: job for plan, job in plans.items() if plan not in kept}, advance)
         _require_room(todo, directory)
         begin(directory, arguments, resume)

@@ -20,12 +20,13 @@ from datafactory.paths.trace import find_shapes
 from datafactory.run.memory import processes_ahead, require_room, workers_for
 from datafactory.run.portions import Engine, PortionWork, Writer, deal_out
 from datafactory.run.preparation import Order, Recipe, prepare
-from datafactory.run.progress import FinishedShard, begin, claimed, completed, fingerprint, finish, handed_over
+from datafactory.run.progress import FinishedShard, begin, claimed, completed, finish, handed_over
 from datafactory.run.shards import ARGUMENT, ENTRY, ArrayJob, JobEntry, portions_of, provenance
 from datafactory.scenes.materials.table import MaterialTable
 from datafactory.scenes.poses import require_ground
 from datafactory.synthesis.doppler_moments import add_doppler_moments
 from shared.dataset import VERSION
+from shared.dataset.documents import digest
 from shared.dataset.locations import Location
 from shared.physics.compiled import is_kept
 from shared.radar import Radar
@@ -84,7 +85,7 @@ def produce(recipe: Recipe, execution: Execution, started: float) -> Report:
     """
     directory, job, plans, manifest = execution.directory, recipe.job, recipe.plans, recipe.manifest
     arguments = manifest["arguments"]
-    mark = fingerprint(arguments)  # a job's is that of the run in one piece
+    mark = digest(arguments)  # a job's is that of the run in one piece
     if execution.job is not None:
         plans = execution.job.own(plans)
         arguments = {**arguments, ARGUMENT: str(execution.job)}

@@ -199,7 +199,7 @@ class Writer:
     Rows wait for the others of their shard, in their files. As portions are handed out in their order, no more shards
     wait than portions are at work.
 
-    :param mark: of the arguments, see :func:`datafactory.run.progress.fingerprint`
+    :param mark: of the arguments, see :func:`shared.dataset.documents.digest`
     """
 
     def __init__(self, job: Job, directory: Location, mark: str) -> None:

@@ -7,7 +7,6 @@ killed and resumed ends in the same bytes as one that never was.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
 from collections.abc import Iterable, Iterator, Mapping
@@ -43,7 +42,7 @@ class FinishedShard(BaseModel, frozen=True, extra="forbid"):
 
     :param record: its entry in the manifest
     :param counts: what its frames counted (rays, targets left out, ...), added up in the manifest
-    :param fingerprint: of the arguments it was made with, see :func:`fingerprint`
+    :param fingerprint: of the arguments it was made with, see :func:`shared.dataset.documents.digest`
     """
 
     record: ShardRecord
@@ -61,11 +60,6 @@ class Progress:
 
     shards: dict[ShardPlan, FinishedShard]
     damaged: tuple[str, ...]
-
-
-def fingerprint(arguments: Mapping[str, Any]) -> str:
-    """SHA-256 of the arguments that determine the dataset's bytes (JSON values)."""
-    return hashlib.sha256(json.dumps(arguments, sort_keys=True, allow_nan=False).encode()).hexdigest()
 
 
 @contextmanager

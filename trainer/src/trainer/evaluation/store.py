@@ -7,18 +7,14 @@ half cell.
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping
-from functools import cache
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shared.dataset.locations import sha256_of
+from shared.dataset.documents import code_fingerprint, digest
 from shared.dataset.writing import atomic
 from shared.physics.errors import InputError
 from trainer.captures.reading import read_npz
@@ -34,25 +30,7 @@ def cell_name(family: str, *identity: str) -> str:
     :param identity: what one cell depends on: names of method and array, what was varied, a fingerprint of data,
         weights and settings. That of the code is added.
     """
-    return f"{family}-{digest([family, *identity, code_fingerprint()])[:24]}.npz"
-
-
-def digest(value: object) -> str:
-    """SHA-256 of a value of plain JSON types, in hexadecimal."""
-    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
-
-
-@cache
-def code_fingerprint() -> str:
-    """Of the sources of ``trainer`` and ``shared``: what other code computed is not kept."""
-    sources = {}
-    for package in ("shared", "trainer"):
-        for folder in import_module(package).__path__:
-            root = Path(folder)
-            sources.update(
-                {f"{package}/{path.relative_to(root)}": sha256_of(path) for path in sorted(root.rglob("*.py"))}
-            )
-    return digest(sources)
+    return f"{family}-{digest([family, *identity, code_fingerprint('shared', 'trainer')])[:24]}.npz"
 
 
 class CellStore:

@@ -14,13 +14,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from pydantic import BaseModel, Field
 
+from shared.dataset.documents import digest
 from shared.dataset.locations import Location
 from shared.processes.defaults import LARGEST_SEED
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.tables import TRUTH, Condition, Numbers, SummaryColumn, condition_text
-from trainer.evaluation.store import Values, digest
+from trainer.evaluation.store import Values
 from trainer.run.folder import SceneRecord
 
 KEPT = 2

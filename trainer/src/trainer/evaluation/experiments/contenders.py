@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from shared.dataset.documents import digest
 from shared.dataset.locations import Location
 from shared.physics.errors import InputError
 from shared.radar import Radar
@@ -19,7 +20,6 @@ from trainer.data.arrays import ArrayChoice
 from trainer.data.simulation import Trials
 from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.fitting import fit_lines, score_peaks
-from trainer.evaluation.store import digest
 from trainer.run.answers import Answer, array_answer, network_answer
 from trainer.run.detections import CANDIDATES
 from trainer.run.folder import RUN_FILE, WEIGHTS, Fingerprint, Run, load_imager, same_radar
