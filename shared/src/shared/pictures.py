@@ -7,9 +7,10 @@ Matplotlib is not imported here: axes and figures are those of the caller.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -141,3 +142,17 @@ def save_figure(figure: Figure, path: Path, dpi: int) -> None:
     """Write a PNG, whole or not at all; it names no version of matplotlib, so that its bytes do not depend on it."""
     with atomic(path) as partial, any_name():
         figure.savefig(partial, format="png", dpi=dpi, metadata={"Software": None})
+
+
+def film(figure: Figure, pictures: Iterable[object], pictures_a_second: int) -> bytes:
+    """A GIF of a figure as it is after each step of ``pictures``, which draw in it."""
+    from matplotlib.animation import PillowWriter
+
+    writer = PillowWriter(fps=pictures_a_second)
+    # The writer tells the format by the file's name, and leaves half a file where it fails.
+    with TemporaryDirectory() as scratch, any_name():
+        whole = Path(scratch) / "film.gif"
+        with writer.saving(figure, str(whole), figure.dpi):
+            for _ in pictures:
+                writer.grab_frame()
+        return whole.read_bytes()

@@ -21,6 +21,7 @@ from datafactory.accuracy.knobs import Effort
 from datafactory.accuracy.looking import STAGES
 from datafactory.accuracy.study import DEFAULTS, FRONT, Row
 from shared.dataset.writing import atomic
+from shared.pictures import save_figure
 
 HEADINGS = ("knob", "setting", "s/frame", "cube dB", "image dB", "power dB", "bias dB", "paths", "work s")
 
@@ -193,6 +194,5 @@ def write_picture(rows: Sequence[Row], title: str, directory: Path) -> Path:
     :raises OSError: the folder cannot be written
     """
     path = directory / "accuracy.png"
-    with atomic(path) as partial:
-        draw(rows, title).savefig(partial, format="png", dpi=100, metadata={"Software": None})
+    save_figure(draw(rows, title), path, 100)
     return path

@@ -35,9 +35,9 @@ from datafactory.paths.candidates import (
 from datafactory.paths.cells import cell_map, cell_power
 from datafactory.paths.notice import Notice
 from datafactory.paths.table import PathTable
-from shared.dataset.writing import atomic
 from shared.physics.units import power_to_db
 from shared.physics.vectors import Mask, Real
+from shared.pictures import save_figure
 from shared.radar import Radar
 from shared.signal.windows import cell_noise_power
 
@@ -309,5 +309,4 @@ def draw(plan: EffectPlan, cost_seconds: Mapping[str, float], path: Path) -> Non
     price.barh(place, [cost_seconds.get(name, 0.0) for name in names], color=colours)
     price.set(xlabel="cost [s of one core a frame]" if cost_seconds else "cost: not measured")
     figure.suptitle(f"{plan.scene}: effects simulated (blue) and left out (grey)", fontsize=10)
-    with atomic(path) as partial:
-        figure.savefig(partial, format="png", dpi=130)
+    save_figure(figure, path, 130)

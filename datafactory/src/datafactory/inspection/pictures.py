@@ -5,13 +5,11 @@ A sequence is an animation: what the array measures, the truth, and what a camer
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.animation import PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -26,7 +24,7 @@ from shared.dataset.locations import Location
 from shared.dataset.reading import radar_of, read_frame
 from shared.dataset.writing import write_bytes
 from shared.physics.errors import InputError, figure_text
-from shared.pictures import LEVEL_LABEL, any_name, draw_from_above, draw_levels, range_weighted_db, save_figure
+from shared.pictures import LEVEL_LABEL, draw_from_above, draw_levels, film, range_weighted_db, save_figure
 from shared.radar import Radar
 from shared.radar.arrays import AVR_QDM_110_THINNED_RX
 from shared.signal.imaging import delay_and_sum
@@ -206,11 +204,11 @@ def write_animations(dataset: Dataset, count: int, folder: Path, cameras: Camera
         path = folder / f"sequence-{sequence.number:04d}.gif"
         stride = -(-len(sequence.rows) // MOST_PICTURES)
         while True:
-            film = _film(dataset, sequence, sequence.rows[::stride], radar, cameras)
-            if len(film) < LARGEST_BYTES or stride >= len(sequence.rows):
+            whole = _film(dataset, sequence, sequence.rows[::stride], radar, cameras)
+            if len(whole) < LARGEST_BYTES or stride >= len(sequence.rows):
                 break
             stride *= 2
-        write_bytes(path, film)
+        write_bytes(path, whole)
         paths.append(path)
     return paths
 
@@ -229,31 +227,29 @@ def _film(
     figure = Figure(figsize=(7.0 if first is None else 11.5, 4.6), layout="constrained", dpi=DOTS_PER_INCH)
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, 2 if first is None else 3, width_ratios=[1.0, 1.0] if first is None else [1.0, 1.0, 1.5])
-    # The writer tells the format by the file's name, and leaves half a file where it fails.
-    with TemporaryDirectory() as scratch, any_name():
-        film = Path(scratch) / "film.gif"
-        writer = PillowWriter(fps=_pictures_a_second(frames))
-        with writer.saving(figure, str(film), DOTS_PER_INCH):
-            for number, frame in enumerate(frames):
-                images = np.abs(delay_and_sum(frame.range_channel[0], radar)), _truth(frame)
-                for axis, image, title in zip(axes, images, TITLES, strict=False):
-                    for artist in list(axis.images):
-                        artist.remove()
-                    drawn = _panel(axis, title, range_weighted_db(image, reference=brightest), radar)
-                if number == 0:
-                    axes[0].set_ylabel("range [m]")
-                    figure.colorbar(drawn, ax=axes[:2], label=TRUTH_LEVEL)
-                if first is not None and (picture := seen(dataset, frame, cameras)) is not None:
-                    axes[2].clear()
-                    draw_camera(axes[2], picture)
-                    axes[2].set_title("camera at the sensor")
-                speed = float(np.linalg.norm(frame.sensor_velocity))
-                figure.suptitle(
-                    f"{figure_text(frame.scene)}, sequence {sequence.number} ({sequence.split}), frame "
-                    f"{frame.frame_id}: {frame.time:.2f} s, {speed:.1f} m/s"
-                )
-                writer.grab_frame()
-        return film.read_bytes()
+
+    def drawn() -> Iterator[Frame]:
+        for number, frame in enumerate(frames):
+            images = np.abs(delay_and_sum(frame.range_channel[0], radar)), _truth(frame)
+            for axis, image, title in zip(axes, images, TITLES, strict=False):
+                for artist in list(axis.images):
+                    artist.remove()
+                levels = _panel(axis, title, range_weighted_db(image, reference=brightest), radar)
+            if number == 0:
+                axes[0].set_ylabel("range [m]")
+                figure.colorbar(levels, ax=axes[:2], label=TRUTH_LEVEL)
+            if first is not None and (picture := seen(dataset, frame, cameras)) is not None:
+                axes[2].clear()
+                draw_camera(axes[2], picture)
+                axes[2].set_title("camera at the sensor")
+            speed = float(np.linalg.norm(frame.sensor_velocity))
+            figure.suptitle(
+                f"{figure_text(frame.scene)}, sequence {sequence.number} ({sequence.split}), frame "
+                f"{frame.frame_id}: {frame.time:.2f} s, {speed:.1f} m/s"
+            )
+            yield frame
+
+    return film(figure, drawn(), _pictures_a_second(frames))
 
 
 def _truth(frame: Frame) -> NDArray[np.float32]:

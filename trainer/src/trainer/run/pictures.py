@@ -6,13 +6,11 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
 from matplotlib import colormaps
-from matplotlib.animation import PillowWriter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -21,7 +19,7 @@ from numpy.typing import NDArray
 from shared.dataset import METADATA_KEY
 from shared.dataset.writing import write_bytes
 from shared.physics.errors import figure_text
-from shared.pictures import COLOUR_MAP, LEVEL_LABEL, SPAN_DB, draw_levels, range_weighted_db, save_figure
+from shared.pictures import COLOUR_MAP, LEVEL_LABEL, SPAN_DB, draw_levels, film, range_weighted_db, save_figure
 from shared.radar import Radar
 
 ANIMATION = "animation.gif"
@@ -99,27 +97,25 @@ def save_animation(images: Path, path: Path) -> int:
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
     colours = {"cmap": "coolwarm", "norm": Normalize(-fastest, fastest)}
     right.set_facecolor("black")
-    writer = PillowWriter(fps=FRAMES_PER_SECOND)
-    # The writer tells the format by the file's name, and leaves half a file where it fails.
-    with TemporaryDirectory() as folder:
-        film = Path(folder) / ANIMATION
-        with writer.saving(figure, str(film), DOTS_PER_INCH):
-            for number, row in enumerate(_rows(file, ["frame_id", "image"])):
-                levels = range_weighted_db(np.array(row["image"]).reshape(shape), reference=brightest)
-                for artist in [*left.images, *right.collections]:
-                    artist.remove()
-                drawn = draw_levels(left, levels, step_m, u_start, u_step)
-                range_m, u, velocity, weighted = frames[number]
-                size = LARGEST_DOT * np.clip(1.0 + (weighted - strongest) / SPAN_DB, 0.0, 1.0) ** 2
-                dots = right.scatter(u, range_m, s=size, c=velocity, **colours)
-                if number == 0:
-                    left.set(title=f"image, {LEVEL_LABEL}", xlabel="u = sin(azimuth)", ylabel="range [m]")
-                    right.set(title="detections, range rate [m/s]", xlabel="u = sin(azimuth)")
-                    figure.colorbar(drawn, ax=left)
-                    figure.colorbar(dots, ax=right)
-                figure.suptitle(f"frame {row['frame_id']}")
-                writer.grab_frame()
-        write_bytes(path, film.read_bytes())
+
+    def drawn() -> Iterator[int]:
+        for number, row in enumerate(_rows(file, ["frame_id", "image"])):
+            levels = range_weighted_db(np.array(row["image"]).reshape(shape), reference=brightest)
+            for artist in [*left.images, *right.collections]:
+                artist.remove()
+            image = draw_levels(left, levels, step_m, u_start, u_step)
+            range_m, u, velocity, weighted = frames[number]
+            size = LARGEST_DOT * np.clip(1.0 + (weighted - strongest) / SPAN_DB, 0.0, 1.0) ** 2
+            dots = right.scatter(u, range_m, s=size, c=velocity, **colours)
+            if number == 0:
+                left.set(title=f"image, {LEVEL_LABEL}", xlabel="u = sin(azimuth)", ylabel="range [m]")
+                right.set(title="detections, range rate [m/s]", xlabel="u = sin(azimuth)")
+                figure.colorbar(image, ax=left)
+                figure.colorbar(dots, ax=right)
+            figure.suptitle(f"frame {row['frame_id']}")
+            yield number
+
+    write_bytes(path, film(figure, drawn(), FRAMES_PER_SECOND))
     return len(frames)
 
 
