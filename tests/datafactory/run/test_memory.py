@@ -112,7 +112,7 @@ def test_a_dry_run_says_it_of_the_scene_and_the_workers_that_fit(tmp_path: Path)
 FAULTS_OF_THE_LAST_ARRAYS = """
 import resource
 import numpy as np
-from datafactory.run.memory import keep_freed_memory
+from shared.processes.machine import keep_freed_memory
 
 def faults():
     return resource.getrusage(resource.RUSAGE_SELF).ru_minflt

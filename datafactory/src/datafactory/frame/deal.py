@@ -46,13 +46,16 @@ SEQUENCES = 1
 
 def frame_seed(dataset_seed: int, frame_id: int) -> int:
     """The frame's own seed, a non-negative int64 as the ``seed`` column holds it."""
-    sequence = np.random.SeedSequence(entropy=dataset_seed, spawn_key=(frame_id,))
-    return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
+    return _seed(dataset_seed, frame_id)
 
 
 def sequence_seed(dataset_seed: int, sequence: int) -> int:
     """Of what the frames of a sequence have in common; no frame's own seed."""
-    child = np.random.SeedSequence(entropy=dataset_seed, spawn_key=(SEQUENCES, sequence))
+    return _seed(dataset_seed, SEQUENCES, sequence)
+
+
+def _seed(dataset_seed: int, *key: int) -> int:
+    child = np.random.SeedSequence(entropy=dataset_seed, spawn_key=key)
     return int(child.generate_state(1, np.uint64)[0] >> np.uint64(1))
 
 

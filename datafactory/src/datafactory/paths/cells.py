@@ -77,17 +77,15 @@ class CellMap:
     cell: Index
     power: Real
 
-    def sums(self, weight: Real | float = 1.0, index: Index | slice = slice(None)) -> Real:
+    def sums(self, weight: Real | float = 1.0) -> Real:
         """[R, U'] power [W] of the paths in every cell, summed without phase.
 
         That is the expectation of |sum A|^2 over random phases (Goodman, Speckle Phenomena in Optics, section 2.1), so
         that no image of many realisations is needed.
 
         :param weight: of each path's power, or of all
-        :param index: of the paths that are summed; the weights are theirs
         """
-        power = self.power[index] * weight
-        sums = np.bincount(self.cell[index], power, self.shape[0] * self.shape[1])
+        sums = np.bincount(self.cell, self.power * weight, self.shape[0] * self.shape[1])
         return sums.astype(np.float64, copy=False).reshape(self.shape)
 
 

@@ -13,9 +13,7 @@ process hardly changes, because the next frame takes as much.
 
 from __future__ import annotations
 
-import ctypes
 import shutil
-import sys
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -48,13 +46,6 @@ LARGE = 0.5
 """Share of the memory from which on a run says what it will take."""
 
 
-MMAP_THRESHOLD, TRIM_THRESHOLD = -3, -1
-"""Numbers of ``mallopt`` (malloc.h): from which size an array has pages of its own, handed back when it is freed; and
-how much free memory at the end of the heap is handed back."""
-PAGES_OF_ITS_OWN = 32 * 2**20
-"""Bytes; the library takes no more."""
-KEPT = 2**30
-"""Bytes."""
 COMPRESSED = 0.005
 """Share of its arrays' bytes that a frame needs on the disk at the very least: empty frames without noise take 0.007.
 A run that this refuses cannot fit."""
@@ -196,16 +187,6 @@ def _too_much(load: Load, workers: int, limit: float, fitting: int) -> InputErro
         return InputError("--rays", f"{load.settings.trace.rays} take {needed}", f"at most {rays}")
     radar = "fewer samples, chirps or channels, " if load.rendered else ""
     return InputError("memory", f"one frame takes {needed}", f"{radar}a smaller scene, or a larger machine")
-
-
-def keep_freed_memory() -> None:
-    """Let this process keep what it frees, where its C library is the GNU one; elsewhere nothing happens."""
-    if not sys.platform.startswith("linux"):
-        return
-    set_limit = getattr(ctypes.CDLL(None), "mallopt", None)
-    if set_limit is not None:
-        set_limit(MMAP_THRESHOLD, PAGES_OF_ITS_OWN)
-        set_limit(TRIM_THRESHOLD, KEPT)
 
 
 def free_bytes(directory: Location) -> int:

@@ -27,12 +27,13 @@ from datafactory.frame.measurement import Hook
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.paths.solver import load_solver
 from datafactory.paths.storage import to_row, writer_options
-from datafactory.run.memory import Load, keep_freed_memory
+from datafactory.run.memory import Load
 from datafactory.run.progress import FinishedShard, record_finished
 from datafactory.run.shards import Portion, ShardPlan, frame_options, write_tables
 from shared.dataset import to_record_batch
 from shared.dataset.locations import Location
 from shared.physics.errors import InputError
+from shared.processes.machine import keep_freed_memory
 from shared.processes.pool import Pool, Processes, ThisProcess, WorkerPool
 from shared.radar import Radar
 

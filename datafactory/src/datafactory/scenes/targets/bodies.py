@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from shared.physics import rcs
 from shared.physics.units import SPEED_OF_LIGHT, power_to_db
+from shared.physics.vectors import unit
 
 Real = NDArray[np.float64]
 Extent = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -117,12 +118,6 @@ def text_without_defaults(model: object) -> str:
         if item.default is MISSING or getattr(model, item.name) != item.default
     ]
     return f"{type(model).__name__}({', '.join(stated)})"
-
-
-def unit(vectors: Real) -> Real:
-    """[N, 3] unit vectors; a zero vector stays zero."""
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return vectors / np.where(length > 0.0, length, 1.0)
 
 
 @dataclass(frozen=True)

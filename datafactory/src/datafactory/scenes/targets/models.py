@@ -47,10 +47,10 @@ from datafactory.scenes.targets.bodies import (
     Real,
     Rigid,
     text_without_defaults,
-    unit,
 )
 from datafactory.scenes.targets.walking import FASTEST_RV, leg_m, parts_of_walker
 from shared.physics.units import db_to_power
+from shared.physics.vectors import unit
 
 WHEEL_RADII_M = (0.1, 1.0)
 STATURES_M = (0.5, 2.5)
