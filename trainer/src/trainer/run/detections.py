@@ -9,8 +9,8 @@ were chosen; as many are allowed to further lines in the groups that were heard.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,19 +23,18 @@ from shared.radar.waveform import Waveform
 from shared.signal.ego_motion import EgoMotion, moving_probability
 from shared.signal.model_error import model_error_ratio, with_model_error
 from trainer.data.measurements import Cells
-from trainer.estimators.array import LineArray, uniform_axis
+from trainer.estimators.array import LineArray
 from trainer.estimators.fitting import (
     FALSE_ALARM,
     MODEL_ERROR_DB,
-    SEARCH_POINTS,
     GroupTest,
     RangePlace,
     fit_groups,
     line_threshold,
     score_peaks,
 )
-from trainer.estimators.moves import beside_lines
 from trainer.estimators.velocities import UNIFORM, velocity_offsets
+from trainer.run.centres import Centres, heard_centres
 from trainer.run.false_alarms import first_line_threshold
 from trainer.run.targets_once import Beams, Lines
 
@@ -65,8 +64,6 @@ REPORTED_WITHIN_DB = 3.3
 SIDEBANDS_DB = 45.0
 """Below a line of one chirp an oscillator's phase noise is looked for. That of a TI board as the imperfections have it,
 -84 dBc/Hz within 300 kHz, stands 50 dB and more below in a range bin; it averages over the chirps."""
-MOST_BINS = 1 << 32
-"""More than a range axis has."""
 BY_LEVEL = (-1.15, 0.116, 0.0)
 """(a, b, c) of a method without a detection head."""
 BY_HEAD = (1.7, 0.062, 0.49)
@@ -148,80 +145,130 @@ def find_detections(
     expected = (*np.shape(snapshots)[:2], radar.grid.bins)
     if np.shape(image) != expected or np.shape(velocity) != expected[:2]:
         raise InputError("detections", f"an image {np.shape(image)}, velocities {np.shape(velocity)}", f"{expected}")
-    new, waveform, axis = seen.new, radar.waveform, radar.grid.u
-    cells = np.rint(np.asarray(velocity, dtype=np.float64) / waveform.velocity_step_mps).astype(np.int64)
-    range_m = np.maximum(np.arange(snapshots.shape[1]), 1) * waveform.range_step_m
+    axis, chirps = radar.grid.u, radar.waveform.chirps
+    cells = np.rint(np.asarray(velocity, dtype=np.float64) / radar.waveform.velocity_step_mps).astype(np.int64)
+    range_m = _range_m(radar, len(cells[0]))
     straight = np.exp(-1j * array.bend_phase(range_m))
-    about = new if centre is None else new & centre
     first = first_line_threshold(sought.false_alarms, radar, array, centre is not None)
     least = HEARD_SHARE * first * sought.noise_power
-    peak, row = _centres(*_heard(snapshots * straight, about, array, least), cells)
-    score = image[peak, row].astype(np.float64)
+    about = seen.new if centre is None else seen.new & centre
+    centres = heard_centres(snapshots * straight, cells, seen.new, about, array, least)
+    score = image[centres.peak, centres.row].astype(np.float64)
     if probability is not None:
-        score *= np.sqrt(probability[peak, row])
-    further = line_threshold(array, min(sought.false_alarms / max(len(row), 1), FALSE_ALARM))
+        score *= np.sqrt(probability[centres.peak, centres.row])
+    further = line_threshold(array, min(sought.false_alarms / max(len(centres), 1), FALSE_ALARM))
     test = GroupTest(sought.noise_power, sought.model_error_db, first, further)
-    candidates = score_peaks(score, axis, CANDIDATES)
-    found, part = [], []
-    for peaks_at, members in _patterns(peak, row, cells, new):
-        bins = np.array(list(peaks_at))
-        places = [(peaks_at[step], row[members] + step) for step in peaks_at]
-        # All cells of a group as its centre: bent by their own ranges, near bins would have other noise in common.
-        values, *others = (
-            np.stack([there[place] for place in places], axis=1) * straight[row[members], None]
-            for there in (snapshots, *(() if seen.beside is None else seen.beside))
-        )
-        migration = _migration(cells[peak, row][members], waveform)
-        at = RangePlace(range_m[row[members]], waveform.range_step_m, migration)
-        fitted = fit_groups(values, bins, array, at, candidates[members], test)
-        power = np.mean(np.abs(values) ** 2, axis=2)
-        noise = with_model_error(sought.noise_power, power.max(axis=1), model_error_ratio(sought.model_error_db))
-        group, line = np.nonzero(np.abs(fitted.amplitude) > 0.0)
-        shift = np.zeros(fitted.u.shape), np.full(fitted.u.shape, UNIFORM)
-        if others:
-            below, above = others
-            shift = velocity_offsets(np.stack([below, values, above]), bins, array, at, fitted, sought.noise_power)
-        columns = (fitted.u, fitted.offset, np.abs(fitted.amplitude), fitted.u_std, fitted.offset_std, *shift)
-        found.append(np.stack([values[group, line] for values in columns]))
-        part.append(np.stack([members[group], power.sum(axis=1)[group], noise[group]]))
-    u, offset, amplitude, u_std, offset_std, shift, shift_std = np.concatenate([np.empty((7, 0)), *found], axis=1)
-    group, energy, noise = np.concatenate([np.empty((3, 0)), *part], axis=1)
-    group = group.astype(np.intp)
-    half_bin = 0.5 * radar.grid.step
-    shown = (u >= axis[0] - half_bin) & (u <= axis[-1] + half_bin)
-    shown &= ~(offset_std > PLACED_BINS) & (row[group] + offset >= LEAST_BIN)
-    cell, nearest = cells[peak[group], row[group]], np.rint(row[group] + offset).astype(np.intp)
-    at_a_centre = np.isin(_place(cell, nearest), _place(cells[peak, row], row))
-    shown &= np.abs(offset) <= np.where(at_a_centre, OWN_BINS, REACH_BINS)
-    lines = Lines(group, energy, row[group] + offset, cell, u, u_std, amplitude_to_db(amplitude), waveform.chirps)
+    found = _fitted(seen, straight, centres, score_peaks(score, axis, CANDIDATES), test, radar, array)
+    group, place = found.group, centres.row[found.group] + found.offset
+    lines = Lines(
+        group, found.energy, place, centres.cell[group], found.u, found.u_std, amplitude_to_db(found.amplitude), chirps
+    )
     near = SAME_ANGLE_CELLS * array.resolution_cell
-    kept = lines.once(np.flatnonzero(shown), near)
+    kept = lines.once(np.flatnonzero(_shown(found, lines, centres, radar)), near)
     kept = lines.explained_by_none(kept, near, float(np.sqrt(least / array.channels)))
     # What the waves of simulated data leave is no error of an element.
     error = max(model_error_ratio(sought.model_error_db) - model_error_ratio(MODEL_ERROR_DB), 0.0)
     kept = lines.no_ghosts(kept, array, -np.log(GHOST_PROBABILITY) * error * float(db_to_power(REPORTED_WITHIN_DB)))
-    beams = Beams(snapshots * straight, np.where(new, cells, np.iinfo(np.int64).max), range_m, array)
-    kept = lines.no_sidebands(kept, beams, SIDEBANDS_DB + float(power_to_db(waveform.chirps)))
+    beams = Beams(snapshots * straight, np.where(seen.new, cells, np.iinfo(np.int64).max), range_m, array)
+    kept = lines.no_sidebands(kept, beams, SIDEBANDS_DB + float(power_to_db(chirps)))
     # The cell that a line stands in; the centre's where that one is not known.
-    own = _peak_in(cells, new, cell[kept], nearest[kept])
-    peaks = np.where(own >= 0, own, peak[group[kept]])
-    rows = np.where(own >= 0, nearest[kept], row[group[kept]])
-    head = None if probability is None else _around(probability, peaks, rows, u[kept], axis)
-    snr_db = lines.level_db[kept] + power_to_db(array.channels / noise[kept])
+    nearest = np.rint(place[kept]).astype(np.intp)
+    own = centres.holding(lines.cell[kept], nearest)
+    peaks = np.where(own >= 0, own, centres.peak[group[kept]])
+    rows = np.where(own >= 0, nearest, centres.row[group[kept]])
+    head = None if probability is None else _around(probability, peaks, rows, found.u[kept], axis)
+    snr_db = lines.level_db[kept] + power_to_db(array.channels / found.noise[kept])
     centre_mps = np.asarray(velocity, dtype=np.float64)[peaks, rows]
+    offset_std = found.offset_std[kept]
     return Detections(
-        range_m=lines.place[kept] * waveform.range_step_m,
-        u=u[kept],
-        velocity=centre_mps + shift[kept] * waveform.velocity_step_mps,
+        range_m=place[kept] * radar.waveform.range_step_m,
+        u=found.u[kept],
+        velocity=centre_mps + found.shift[kept] * radar.waveform.velocity_step_mps,
         amplitude_db=lines.level_db[kept],
-        u_std=u_std[kept],
+        u_std=found.u_std[kept],
         probability=line_probability(snr_db, head),
-        range_std=np.where(np.isnan(offset_std[kept]), UNIFORM, offset_std[kept]) * waveform.range_step_m,
-        velocity_std=shift_std[kept] * waveform.velocity_step_mps,
+        range_std=np.where(np.isnan(offset_std), UNIFORM, offset_std) * radar.waveform.range_step_m,
+        velocity_std=found.shift_std[kept] * radar.waveform.velocity_step_mps,
         moving=np.full(len(kept), np.nan),
-        doppler_cell=(lines.cell[kept] + waveform.chirps // 2) % waveform.chirps,
+        doppler_cell=(lines.cell[kept] + chirps // 2) % chirps,
         snr_db=snr_db,
     )
+
+
+def _range_m(radar: Radar, bins: int) -> NDArray[np.float64]:
+    """[bins] of the first range bins [m], by which wave fronts bend; that of bin 0 is bin 1's."""
+    return np.maximum(np.arange(bins), 1) * radar.waveform.range_step_m
+
+
+class _Fitted(NamedTuple):
+    """The N lines of all groups.
+
+    :param group: [N] index of the centre; :param energy: [N] of the group's cells, all channels' mean [W]
+    :param noise: [N] of one channel and cell, with the model error of the group's strongest cell [W]
+    :param u, offset: [N] angle, and range bins from the centre; :param u_std, offset_std: [N] their deviations
+    :param amplitude: [N] magnitude [sqrt(W)]
+    :param shift: [N] Doppler cells from the centre's; :param shift_std: [N] its deviation
+    """
+
+    group: NDArray[np.intp]
+    energy: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    u: NDArray[np.float64]
+    offset: NDArray[np.float64]
+    amplitude: NDArray[np.float64]
+    u_std: NDArray[np.float64]
+    offset_std: NDArray[np.float64]
+    shift: NDArray[np.float64]
+    shift_std: NDArray[np.float64]
+
+
+def _fitted(
+    seen: Cells,
+    straight: NDArray[np.complex128],
+    centres: Centres,
+    candidates: NDArray[np.float64],
+    test: GroupTest,
+    radar: Radar,
+    array: LineArray,
+) -> _Fitted:
+    """Lines of the group about each centre, those of equal groups together.
+
+    :param straight: [R, C] what undoes the bend of wave fronts at each bin's range
+    :param candidates: [n, P] angles that each fit begins with, NaN for none
+    """
+    waveform, range_m = radar.waveform, _range_m(radar, len(straight))
+    none = np.empty(0)
+    parts = [_Fitted(np.empty(0, dtype=np.intp), *[none] * (len(_Fitted._fields) - 1))]
+    for peaks_at, members in centres.patterns():
+        row, bins = centres.row[members], np.array(list(peaks_at))
+        places = [(peaks_at[step], row + step) for step in peaks_at]
+        # All cells of a group as its centre: bent by their own ranges, near bins would have other noise in common.
+        values, *others = (
+            np.stack([there[place] for place in places], axis=1) * straight[row, None]
+            for there in (seen.range_channel, *(() if seen.beside is None else seen.beside))
+        )
+        at = RangePlace(range_m[row], waveform.range_step_m, _migration(centres.cell[members], waveform))
+        lines = fit_groups(values, bins, array, at, candidates[members], test)
+        power = np.mean(np.abs(values) ** 2, axis=2)
+        noise = with_model_error(test.noise_power, power.max(axis=1), model_error_ratio(test.model_error_db))
+        shift = np.zeros(lines.u.shape), np.full(lines.u.shape, UNIFORM)
+        if others:
+            below, above = others
+            shift = velocity_offsets(np.stack([below, values, above]), bins, array, at, lines, test.noise_power)
+        group, line = np.nonzero(np.abs(lines.amplitude) > 0.0)
+        columns = (lines.u, lines.offset, np.abs(lines.amplitude), lines.u_std, lines.offset_std, *shift)
+        of_lines = (column[group, line] for column in columns)
+        parts.append(_Fitted(members[group], power.sum(axis=1)[group], noise[group], *of_lines))
+    return _Fitted(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def _shown(found: _Fitted, lines: Lines, centres: Centres, radar: Radar) -> NDArray[np.bool_]:
+    """[N] whether a line lies in the field of view, is placed by its cells, and is nearest to its own centre."""
+    axis, half_bin = radar.grid.u, 0.5 * radar.grid.step
+    in_view = (found.u >= axis[0] - half_bin) & (found.u <= axis[-1] + half_bin)
+    placed = ~(found.offset_std > PLACED_BINS) & (lines.place >= LEAST_BIN)
+    at_a_centre = centres.are_at(lines.cell, np.rint(lines.place).astype(np.intp))
+    return in_view & placed & (np.abs(found.offset) <= np.where(at_a_centre, OWN_BINS, REACH_BINS))
 
 
 def line_probability(snr_db: NDArray[np.float64], head: NDArray[np.floating] | None) -> NDArray[np.float64]:
@@ -252,42 +299,6 @@ def with_moving(found: Detections, motion: EgoMotion | None, radar: Radar) -> De
     return replace(found, moving=moving_probability(motion, radar, *seen))
 
 
-def _heard(
-    snapshots: NDArray[np.complexfloating], new: NDArray[np.bool_], array: LineArray, least: float
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
-    """(peaks [n], rows [n]) of the cells in which an angle takes more than ``least`` [W], and what it takes [n] [W]."""
-    peak, row = np.nonzero(new)
-    cells = np.asarray(snapshots, dtype=np.complex128)[peak, row]
-    most = beside_lines(cells, array, uniform_axis(array, SEARCH_POINTS), np.empty((len(cells), 0)))[0].max(axis=1)
-    heard = most > least
-    return peak[heard], row[heard], most[heard]
-
-
-def _centres(
-    peak: NDArray[np.intp], row: NDArray[np.intp], energy: NDArray[np.float64], cells: NDArray[np.int64]
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """(peaks, rows) of the cells about which groups are made, in their order.
-
-    The strongest is one; the next strongest is one if it is no neighbour of a stronger one in range; and so on.
-
-    :param peak, row: [n] of the cells that were heard; :param energy: [n] what their best angle takes [W]
-    :param cells: [D, R] the Doppler cell of each peak
-    """
-    places, taken = _place(cells[peak, row], row).tolist(), set[int]()
-    kept = []
-    for index in np.argsort(-energy, kind="stable").tolist():
-        if places[index] not in taken:
-            kept.append(index)
-            taken |= {places[index] - 1, places[index] + 1}
-    kept.sort()
-    return peak[kept], row[kept]
-
-
-def _place(cell: NDArray[np.int64], row: NDArray[np.integer]) -> NDArray[np.int64]:
-    """A number for each Doppler cell and range bin; that of the next bin is one more."""
-    return cell * MOST_BINS + row
-
-
 def _migration(cell: NDArray[np.int64], waveform: Waveform) -> NDArray[np.float64]:
     """[n] range bins through which an echo migrates in the frame, at most: v T over a bin is d B / f_c in cell d.
 
@@ -296,31 +307,6 @@ def _migration(cell: NDArray[np.int64], waveform: Waveform) -> NDArray[np.float6
     bins_a_cell = waveform.bandwidth_hz / waveform.carrier_hz
     own, folded = np.abs(cell) * bins_a_cell, (waveform.chirps - np.abs(cell)) * bins_a_cell
     return np.where(folded <= MOST_MIGRATION, folded, np.minimum(own, MOST_MIGRATION))
-
-
-def _peak_in(
-    cells: NDArray[np.int64], new: NDArray[np.bool_], cell: NDArray[np.int64], row: NDArray[np.intp]
-) -> NDArray[np.intp]:
-    """[n] which peak of a range bin holds a Doppler cell, -1 where none does, or there is no such bin.
-
-    :param cells: [D, R] the Doppler cell of each peak; :param new: [D, R] those that count; :param cell, row: [n]
-    """
-    there = np.clip(row, 0, cells.shape[1] - 1)
-    same = (cells[:, there] == cell) & new[:, there] & (there == row)
-    return np.where(same.any(axis=0), same.argmax(axis=0), -1)
-
-
-def _patterns(
-    peak: NDArray[np.intp], row: NDArray[np.intp], cells: NDArray[np.int64], new: NDArray[np.bool_]
-) -> Iterator[tuple[dict[int, NDArray[np.intp]], NDArray[np.intp]]]:
-    """By which neighbouring bins hold a centre's Doppler cell too: ({bins from it: [n] peaks}, [n] the centres)."""
-    beside = {step: _peak_in(cells, new, cells[peak, row], row + step) for step in (-1, 1)}
-    for left in (False, True):
-        for right in (False, True):
-            members = np.flatnonzero(((beside[-1] >= 0) == left) & ((beside[1] >= 0) == right))
-            if len(members):
-                steps = [-1] * left + [0] + [1] * right
-                yield {step: beside[step][members] if step else peak[members] for step in steps}, members
 
 
 def _around(
