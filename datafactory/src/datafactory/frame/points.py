@@ -12,7 +12,7 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field, FiniteFloat, TypeAdapter, model_validator
+from pydantic import Field, FiniteFloat, TypeAdapter, model_validator
 
 from datafactory.paths.echo_points import Seen, all_echo_points
 from datafactory.paths.table import PathTable, ScatteredPaths
@@ -23,6 +23,7 @@ from shared.dataset import Target
 from shared.physics.errors import InputError
 from shared.physics.units import amplitude_to_db, power_to_db
 from shared.radar import Radar
+from shared.radar.validation import Described
 from shared.signal import target_amplitudes
 from shared.signal.windows import cell_noise_power
 
@@ -160,7 +161,7 @@ def draw_close_targets(radar: Radar, settings: CloseTargets, generator: np.rando
     return PointTargets(position, np.zeros_like(position), np.concatenate(rcs), phase)
 
 
-class _Entry(BaseModel, extra="forbid"):
+class _Entry(Described):
     x: Coordinate
     y: Coordinate
     z: Coordinate = 0.0
@@ -171,7 +172,7 @@ class _Entry(BaseModel, extra="forbid"):
     phase: FiniteFloat = 0.0
     model: str | None = None
     heading_deg: FiniteFloat | None = None
-    sizes: dict[str, FiniteFloat] = {}
+    sizes: dict[str, FiniteFloat] = Field(default_factory=dict)
 
     @model_validator(mode="before")
     @classmethod

@@ -143,7 +143,9 @@ def read_entries(path: Path, entries: TypeAdapter[list[Entry]], form: str, keys:
         found = entries.validate_python(raw)
     except ValidationError as error:
         problem, expected = first_validation_error(error, "entry ", keys)
-        raise InputError(path, problem, f"{expected}, as in {form}") from None
+        # The checks of an entry say themselves what they expect.
+        fault = (problem, f"{expected}, as in {form}") if expected else (f"{problem}, as in {form}",)
+        raise InputError(path, *fault) from None
     if not found:
         raise InputError(path, "the list is empty", form)
     return found

@@ -5,7 +5,8 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from types import NoneType, UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError, model_validator
 
@@ -33,15 +34,25 @@ WORDS = {
 
 
 class Described(BaseModel, frozen=True, extra="forbid"):
-    """A frozen description. Text, true and false are no numbers in it, though pydantic would take them."""
+    """A frozen description. Text, true and false are no numbers in it, and text and numbers neither true nor false,
+    though pydantic would take them."""
 
     @model_validator(mode="before")
     @classmethod
-    def _numbers(cls, given: Any) -> Any:
+    def _as_they_are_meant(cls, given: Any) -> Any:
         for name, field in cls.model_fields.items() if isinstance(given, dict) else ():
-            if field.annotation in (int, float) and isinstance(given.get(name), str | bool):
+            kinds = _plain_kinds(field.annotation)
+            if kinds and kinds <= {int, float} and isinstance(given.get(name), str | bool):
                 raise ValueError(f"{name} = {given[name]!r}; expected a number")
+            if kinds == {bool} and not isinstance(given.get(name, True), bool | None):
+                raise ValueError(f"{name} = {given[name]!r}; expected true or false")
         return given
+
+
+def _plain_kinds(annotation: object) -> set[object]:
+    """The types that a value may have, without their bounds; None is left out."""
+    several = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
+    return {getattr(kind, "__origin__", kind) for kind in several} - {NoneType}
 
 
 def first_validation_error(error: ValidationError, place: str = "", keys: Iterable[str] = ()) -> tuple[str, str]:
