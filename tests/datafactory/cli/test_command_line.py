@@ -14,24 +14,33 @@ from typer.main import get_params_from_function
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
-from datafactory.cli.console import plain_console, table
 from datafactory.inspection.dataset import MEANINGS, told
 from datafactory.inspection.doctor import Finding
+from shared.cli.console import plain_console, table
 
 SCENES = Path(__file__).parents[3] / "scenes"
 COMMANDS = sorted(info.callback.__name__ for info in app.registered_commands if info.callback)
 
 
-def interrupted() -> None:
+def interrupted(**_: object) -> None:
     raise KeyboardInterrupt
 
 
-def test_an_interrupted_command_says_how_to_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("work", "arguments", "advice"),
+    [
+        ("datafactory.api.making.merge", ("merge", "jobs", "--out", "whole"),
+         "what was finished is kept: the same command with --resume goes on"),
+        ("datafactory.inspection.doctor.examine", ("doctor",), "it has no --resume: run it again"),
+    ],
+)  # fmt: skip
+def test_an_interrupted_command_says_how_to_go_on(
+    monkeypatch: pytest.MonkeyPatch, work: str, arguments: tuple[str, ...], advice: str
+) -> None:
     """As typer hands it on, which swallows Ctrl-C of its own accord."""
-    monkeypatch.setattr("datafactory.inspection.doctor.examine", interrupted)
-    status, _, line = ended("doctor")
-    assert status == 130
-    assert line == "datafactory: interrupted; what was finished is kept: the same command with --resume goes on\n"
+    monkeypatch.setattr(work, interrupted)
+    status, _, line = ended(*arguments)
+    assert (status, line) == (130, f"datafactory: interrupted; {advice}\n")
 
 
 SEED = "123456789012345678901234567890"
@@ -92,6 +101,10 @@ def test_what_cannot_be_is_one_line_and_nothing_is_written(
     line = refused(*arguments, *([path] if text else []), "--out", out)
     assert line.startswith(f"datafactory: {message.replace('FILE', str(path))}")
     assert not out.exists()
+
+
+def test_a_run_that_was_refused_leaves_no_bar_behind(tmp_path: Path) -> None:
+    assert ended("render", "none.usda", "--out", tmp_path / "out")[:2] == (2, "\n")
 
 
 @pytest.mark.parametrize("command", ["plan", "accuracy"])

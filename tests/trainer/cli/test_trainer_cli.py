@@ -60,6 +60,15 @@ def test_an_interrupted_command_says_how_to_go_on(capsys, monkeypatch, work, arg
     assert (code, text) == (130, f"trainer: interrupted; {advice}\n")
 
 
+def test_names_are_printed_as_they_are(capsys, monkeypatch):
+    """Rich would make a picture of :car:, and take [0] for markup."""
+    monkeypatch.setattr("trainer.training.fit.fit", lambda request, announce: announce(f"weights in {request.out}"))
+    code, said, _ = status(capsys, monkeypatch, "fit", "a:smile:b", "--out", "out/:car:/[0]")
+    assert code == 0
+    assert said.startswith("weights in out/:car:/[0]\nrun in out/:car:/[0]; curves: ")
+    assert "trainer predict 'out/:car:/[0]' a:smile:b --out DIR" in said
+
+
 def test_what_an_interrupted_predict_advises_works(tmp_path, capsys, monkeypatch):
     """The folder has a picture and no images.parquet, and is refused until it is emptied."""
     data, out = small_dataset(tmp_path / "data"), tmp_path / "images"

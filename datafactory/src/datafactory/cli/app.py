@@ -6,17 +6,11 @@ own top. Everything else would make ``--help`` wait for the ray tracer.
 
 from __future__ import annotations
 
-from typing import Annotated, Any
-
-import typer
-from rich.markup import escape
-from typer.core import TyperCommand
-from typer.exceptions import TyperException
-
 from datafactory.cli.costs import accuracy, plan
 from datafactory.cli.inspection import check, doctor, inspect, scenes, view
 from datafactory.cli.making import city, convert, merge, points, render, trace
-from shared.processes.interrupt import INTERRUPTED, Ending, ending_with, run_app
+from shared.cli.application import application
+from shared.cli.ending import Ending, run_app
 
 EXAMPLES = {
     "render": (
@@ -61,46 +55,17 @@ EXAMPLES = {
 STOPPED = "interrupted; what was finished is kept: the same command with --resume goes on"
 
 
-class PlainCommand(TyperCommand):
-    """A command whose help is plain text: Rich would take a unit in square brackets for markup, and drop it."""
-
-    def __init__(self, *arguments: Any, **named: Any) -> None:
-        super().__init__(*arguments, **named)
-        self.help = escape(self.help or "")
-        for parameter in self.params:
-            if isinstance(text := getattr(parameter, "help", None), str):
-                parameter.help = escape(text)  # type: ignore[attr-defined]
-
-
-app = typer.Typer(
-    no_args_is_help=True,
-    add_completion=True,
-    pretty_exceptions_enable=False,
+app = application(
+    "datafactory",
+    "Scenes to multipath to 77 GHz FMCW radar data in Parquet shards.",
+    (render, points, plan, accuracy, trace, merge, view, scenes, check, city, inspect, convert, doctor),
+    EXAMPLES,
 )
-for command in (render, points, plan, accuracy, trace, merge, view, scenes, check, city, inspect, convert, doctor):
-    app.command(cls=PlainCommand, epilog=ending_with(EXAMPLES[command.__name__]))(command)
-
-
-def _version(wanted: bool) -> None:
-    if wanted:
-        from datafactory import __version__
-
-        typer.echo(f"datafactory {__version__}")
-        raise typer.Exit()
-
-
-@app.callback()
-def _options(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
-    ] = False,
-) -> None:
-    """Scenes to multipath to 77 GHz FMCW radar data in Parquet shards."""
 
 
 def main() -> None:
     """Entry point."""
-    run_app("datafactory", lambda: app(standalone_mode=False), STOPPED, _ending_of)
+    run_app("datafactory", app, STOPPED, _ending_of)
 
 
 def _ending_of(error: Exception) -> Ending | None:
@@ -110,6 +75,4 @@ def _ending_of(error: Exception) -> Ending | None:
         return str(error), 1
     if isinstance(error, MemoryError):
         return f"out of memory ({error}); expected fewer samples, chirps, channels, rays or workers", 1
-    if isinstance(error, TyperException):  # an empty message: without arguments the help has been printed already
-        return " ".join(error.format_message().split()), 2
-    return (STOPPED, INTERRUPTED) if isinstance(error, typer.Abort) else None
+    return None

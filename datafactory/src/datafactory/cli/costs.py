@@ -10,9 +10,9 @@ import typer
 from rich.table import Table
 
 from datafactory.api.options import AccuracyOptions, OrderOptions, PlanOptions
-from datafactory.cli.console import plain_console, shown, table
 from datafactory.cli.options import asking
 from datafactory.defaults import DEFAULT_FRAMES, IMAGE_BATCH
+from shared.cli.console import bars, plain_console, table
 from shared.physics.errors import InputError
 
 PLAN_WIDTH = 150
@@ -39,7 +39,7 @@ def plan(
     if out is not None:
         _require_folder(out)
     console = plain_console(stderr=as_json)
-    with shown(console, transient=True) as advance:
+    with bars(console, transient=True) as advance:
         planned = plan_of(**{**vars(asked), "announce": console.print, "progress": advance})
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
@@ -106,7 +106,7 @@ def accuracy(asked: AccuracyOptions) -> None:
     out.mkdir(parents=True, exist_ok=True)
     samples = [Sample(job.deal.frame(frame_id), job.scenes[0], order) for frame_id in range(count)]
     batch = 1 if quick else IMAGE_BATCH
-    with shown(console) as progress:
+    with bars(console) as progress:
         rows = study.study(samples, menu, asked.repeats, batch, progress)
     wide = plain_console(narrowest=ACCURACY_WIDTH)
     wide.print(table(f"What accuracy costs: {scene}", report.HEADINGS, report.table_rows(rows)))

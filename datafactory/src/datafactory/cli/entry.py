@@ -1,18 +1,7 @@
-"""Where ``datafactory`` begins: an interrupt is one line also while the command line itself is being loaded."""
+"""Where ``datafactory`` begins."""
 
-from __future__ import annotations
+from functools import partial
 
-from collections.abc import Callable
+from shared.cli.entry import begin
 
-from shared.processes.interrupt import run_command
-
-
-def main() -> None:
-    """Run the command line."""
-    run_command("datafactory", _loaded)
-
-
-def _loaded() -> Callable[[], None]:
-    from datafactory.cli.app import main
-
-    return main
+main = partial(begin, "datafactory")

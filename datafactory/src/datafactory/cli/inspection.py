@@ -12,8 +12,8 @@ import typer
 from rich.table import Table
 
 from datafactory.api.options import CheckOptions, InspectOptions, ViewOptions
-from datafactory.cli.console import plain_console, shown, table
 from datafactory.cli.options import asking
+from shared.cli.console import bars, plain_console, table
 from shared.physics.errors import InputError
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def view(asked: ViewOptions) -> None:
     from datafactory.api import viewing
 
     console = plain_console()
-    with shown(console, transient=True) as advance:
+    with bars(console, transient=True) as advance:
         written = viewing.view(**{**vars(asked), "announce": console.print, "progress": advance})
     for path in written:
         console.print(f"wrote {path}, {path.stat().st_size / 1e6:.1f} MB")

@@ -19,8 +19,8 @@ from datafactory.api.options import (
     RunOptions,
     TraceOptions,
 )
-from datafactory.cli.console import plain_console, shown
 from datafactory.cli.options import asking
+from shared.cli.console import bars, plain_console
 from shared.physics.errors import InputError
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def convert(asked: ConvertOptions) -> None:
     from datafactory.api.making import convert as made
 
     console = plain_console()
-    with shown(console, transient=True) as advance:
+    with bars(console, transient=True) as advance:
         converted = made(**{**vars(asked), "progress": advance})
     console.print(f"{converted.frames} frames in {converted.directory}")
     for note in converted.notes:
@@ -141,7 +141,7 @@ def _run(make: Callable[..., Report], verbose: bool) -> Report:
     from datafactory.inspection.dataset import told
 
     console = plain_console()
-    with shown(console) as advance:
+    with bars(console) as advance:
         report = make(announce=console.print, progress=advance)
     kept = f" ({report.shards_kept} shards kept from before)" if report.shards_kept else ""
     took = f"{report.seconds:.0f} s, opening of the scenes included"

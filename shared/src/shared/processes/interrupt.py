@@ -1,7 +1,4 @@
-"""How a command ends: 0 done, 1 a run that failed, 2 bad input, 130 interrupted, each of the three with one line.
-
-One that is interrupted says its line wherever it is: also while it imports what it needs.
-"""
+"""A command that is interrupted says so in one line wherever it is: also while it imports what it needs."""
 
 from __future__ import annotations
 
@@ -10,14 +7,9 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import NoReturn
-
-from shared.physics.errors import InputError, require_utf8
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C or a request to end: 128 and the number of SIGINT."""
-Ending = tuple[str, int]
-"""A line without the program's name, empty where all has been said, and the exit status."""
 AGAIN_S = 0.01
 """After an interrupt that nobody could catch; callbacks of C code take less."""
 
@@ -91,41 +83,3 @@ def _say(program: str) -> None:
     signal.setitimer(signal.ITIMER_REAL, 0.0)
     print(f"{program}: interrupted", file=sys.stderr)
     sys.exit(INTERRUPTED)
-
-
-def run_app(
-    program: str, app: Callable[[], object], interrupted: str, ending_of: Callable[[Exception], Ending | None]
-) -> NoReturn:
-    """Run a command line and exit.
-
-    :param program: its name, before every line
-    :param app: parses the arguments, does the work, returns the exit status
-    :param interrupted: what is said after Ctrl-C
-    :param ending_of: the ending that an error of the program's own means; None leaves its traceback
-    """
-    try:
-        for argument in sys.argv[1:]:
-            require_utf8(argument)
-        status = app()
-        if status != INTERRUPTED:  # how typer hands on Ctrl-C
-            sys.exit(status)  # type: ignore[arg-type]
-        line, code = interrupted, INTERRUPTED
-    except KeyboardInterrupt:
-        line, code = interrupted, INTERRUPTED
-    except InputError as error:
-        line, code = str(error), 2
-    except Exception as error:
-        ending = ending_of(error)
-        if ending is None and isinstance(error, OSError):
-            ending = f"{error.filename or 'input/output'}: {error.strerror or error}", 1
-        if ending is None:
-            raise
-        line, code = ending
-    if line:
-        print(f"{program}: {line}", file=sys.stderr)
-    sys.exit(code)
-
-
-def ending_with(examples: tuple[str, ...]) -> str:
-    """The end of a command's help. Typer joins the lines of a paragraph: each example is one."""
-    return "\n\n".join(("Examples:", *examples))

@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
+from shared.cli.console import bars, plain_console
 from shared.processes.defaults import LARGEST_SEED
 
 
@@ -81,20 +80,9 @@ def evaluate(
     }  # fmt: skip
     config = validated(EvaluationConfig, fields, "trainer evaluate")
     row = None if measured is None else read_measured(measured, targets, range_m, model_error)
-    console = Console(soft_wrap=True, highlight=False)
-    columns = TextColumn("{task.description:<15}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-    with Progress(*columns, console=console) as bars:
-        shown_bars: dict[str, TaskID] = {}
-
-        def advance(name: str, done: int, total: int) -> None:
-            if name not in shown_bars:
-                shown_bars[name] = bars.add_task(name, total=total)
-            bars.update(shown_bars[name], completed=done, total=total)
-
-        def announce(line: str) -> None:
-            bars.console.print(line, markup=False)
-
-        run_evaluate(dataset, out, config, row, resume, workers, announce, advance)
+    console = plain_console()
+    with bars(console) as advance:
+        run_evaluate(dataset, out, config, row, resume, workers, console.print, advance)
 
 
 def _names(text: str | None) -> tuple[str, ...] | None:

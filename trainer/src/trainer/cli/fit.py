@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from typer.models import OptionInfo
 
+from shared.cli.console import plain_console
 from shared.processes.defaults import LARGEST_SEED
 
 BY_RECIPE = "by recipe and device"
@@ -90,11 +90,7 @@ def fit(
         "precision": precision, "validate_every": validate_every, "patience": patience, "points": points,
         "imperfections": imperfections, "frames": frames,
     }  # fmt: skip
-    console = Console(soft_wrap=True, highlight=False)
-
-    def announce(line: str) -> None:
-        console.print(line, markup=False)
-
+    announce = plain_console().print
     begin: Path | str | None = SHIPPED
     if start is not None:
         shipped = {name: pretrained_run(name) for name in pretrained_names()}

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from shared.cli.ending import Interrupted
 from shared.physics.errors import InputError
 
 EXTRA = "pip install 'sparseradar-trainer[export]'"
@@ -80,7 +81,11 @@ def predict(
         listed=PointsRequest(false_alarms, cells),
         animation=animation, velocity=None if velocity is None else _velocity(velocity), mounting_yaw_deg=mounting_yaw,
     )  # fmt: skip
-    run_predict(request)
+    try:
+        run_predict(request)
+    except KeyboardInterrupt:
+        # Pictures of the frames imaged so far may stand in the folder, which has to be empty.
+        raise Interrupted(", into a new or emptied --out") from None
 
 
 def _velocity(text: str) -> tuple[float, float]:

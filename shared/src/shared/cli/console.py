@@ -6,7 +6,7 @@ The console of this module reads no markup and no emoji codes, neither in lines 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -14,9 +14,10 @@ from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn,
 from rich.table import Table
 from rich.text import Text
 
-from datafactory.api import options
 from shared.physics.errors import printable
 
+Advance = Callable[[str, int, int], None]
+"""Takes what is being done, how much of it is done, and of how much."""
 FRAMES = "frames"
 """The stage whose speed is shown."""
 SPEED_OVER_S = 600.0
@@ -40,7 +41,7 @@ class _Speed(ProgressColumn):
 
 
 @contextmanager
-def shown(console: Console, transient: bool = False) -> Iterator[options.Progress]:
+def bars(console: Console, transient: bool = False) -> Iterator[Advance]:
     """Show the stages of a job, those that are over as well: what a sweep took is seen beside what the frames took.
 
     A stage that has another number of steps than the one before it, or that begins again, gets a row of its own.
@@ -66,7 +67,11 @@ def shown(console: Console, transient: bool = False) -> Iterator[options.Progres
             progress.update(row, description=stage, completed=done, total=total)
             before = done, total
 
-        yield advance
+        try:
+            yield advance
+        finally:
+            if before is None:  # refused while it was opened: nothing was begun that a bar could show
+                progress.remove_task(row)
 
 
 def plain_console(stderr: bool = False, narrowest: int = 0) -> Console:
