@@ -9,13 +9,17 @@ import typer
 from typer.testing import CliRunner
 
 from datafactory.api.asking import order_of
-from datafactory.api.declared import HEADINGS, Option, Options, common, declared, taking
 from datafactory.api.making import render
 from datafactory.api.options import OrderOptions, RenderOptions, RunOptions, TraceOptions
 from datafactory.cli.app import app
 from datafactory.cli.making import next_step, typed
-from datafactory.cli.options import asking
+from shared.cli.options import asking
 from shared.physics.errors import InputError
+from shared.processes.declared import HEADINGS, Option, Options, common, declared, taking
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    return tuple(map(int, text.split("x")))
 
 
 class Drawing(Options, heading="Sampling"):
@@ -23,6 +27,8 @@ class Drawing(Options, heading="Sampling"):
     colour: Annotated[str, Option("Which, beside --count.", "Or both.", choices=("red", "blue"))] = "red"
     grid: Annotated[bool, Option("Lines.")] = True
     width: Annotated[float | None, Option("Of a line.", usual=0.5)] = None
+    size: Annotated[tuple[int, int], Option("Of the paper.", typed=str, read=_numbers, usual="4,3")] = (4, 3)
+    begin: Annotated[int | None, Option("Where.", there=1, otherwise="at the edge")] = None
     told: Annotated[object, Option("Takes lines.", shown=False)] = None
 
 
@@ -81,9 +87,13 @@ def test_a_value_is_refused_wherever_it_is_made(given: dict[str, object], messag
 
 def test_a_command_hands_on_what_was_stated_and_its_own_defaults() -> None:
     program, seen = command()
-    for arguments in ([], ["--count", "4", "--no-grid"], ["--width", "0.5"]):
+    for arguments in ([], ["--count", "4", "--no-grid"], ["--width", "0.5"], ["--size", "2x1", "--begin", "3"]):
         assert CliRunner().invoke(program, arguments).exit_code == 0
-    assert seen == [Drawing(count=2), Drawing(count=4, grid=False), Drawing(count=2, width=0.5)]
+    assert seen[:2] == [Drawing(count=2, begin=1), Drawing(count=4, grid=False, begin=1)]
+    assert seen[2:] == [Drawing(count=2, width=0.5, begin=1), Drawing(count=2, size=(2, 1), begin=3)]
+    page = CliRunner().invoke(program, ["--help"], env={"COLUMNS": "120", "TERM": "dumb"}).output
+    assert re.search(r"--size .* Of the paper. \[default: 4,3\]", page)
+    assert re.search(r"--begin .* Where. \[default: \(at the edge\)\]", page)
     assert CliRunner().invoke(program, ["--count", "9"]).exit_code == 2
     assert CliRunner().invoke(program, ["--told", "x"]).exit_code == 2
 

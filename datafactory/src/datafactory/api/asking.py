@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
-from datafactory.api.declared import declared, taking
 from datafactory.api.options import (
     LoadOptions,
     MaterialsLike,
@@ -54,6 +53,7 @@ from datafactory.scenes.traffic.population import populated
 from datafactory.synthesis.cube import synthesis_problem
 from shared.dataset.locations import locate
 from shared.physics.errors import InputError
+from shared.processes.declared import declared, taking
 from shared.radar import Radar, load_radar
 
 T = TypeVar("T")

@@ -12,7 +12,6 @@ from pathlib import Path
 from datafactory.accuracy.budget import check, settle
 from datafactory.accuracy.knobs import Menu, menu_for
 from datafactory.api.asking import materials_of, order_of
-from datafactory.api.declared import common, taking
 from datafactory.api.options import ConvertOptions, MergeOptions, OrderOptions, RenderOptions, TraceOptions
 from datafactory.defaults import AUTO_DEVICE, CPU, CUDA, LOCAL, Progress
 from datafactory.run import merging, pipeline
@@ -26,6 +25,7 @@ from shared.dataset.folder import open_dataset
 from shared.dataset.locations import local, locate
 from shared.dataset.writing import atomic_folder
 from shared.physics.errors import InputError
+from shared.processes.declared import common, taking
 
 MCAP = "mcap"
 

@@ -1,7 +1,8 @@
 """The options of commands and functions, each declared here alone: type, default, bounds, choices, help.
 
 A new option is one field of a group: the commands and functions that take the group have it, with its check, its help
-and its line in the documentation. See :mod:`datafactory.api.declared`. Constants alone: ``--help`` imports this module.
+and its line in the documentation. See :mod:`shared.processes.declared`. Constants alone: ``--help`` imports this
+module.
 """
 
 from collections.abc import Collection, Sequence
@@ -9,7 +10,6 @@ from dataclasses import field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
-from datafactory.api.declared import Option, Options
 from datafactory.defaults import (
     ASKED_DEVICES,
     CPU,
@@ -29,6 +29,7 @@ from datafactory.defaults import (
     Progress,
 )
 from datafactory.scenes.city.rules import MOST_BLOCKS, Style
+from shared.processes.declared import Option, Options
 from shared.processes.defaults import ANGLE_WINDOWS, DEFAULT_RADAR, LARGEST_SEED, STORES
 
 if TYPE_CHECKING:
@@ -63,9 +64,9 @@ def silent(*_: object) -> None:
 # Not formatted: an option is read as a whole, in two or three lines.
 # fmt: off
 SCENE = Option("USD, Mitsuba XML or mesh file, or shipped:NAME or sionna:NAME.", "Or a Scene.",
-               typed=str, flag="--scene", place="[SCENE]", first=True)
+               typed=str, flag="--scene", place="[SCENE]", placed="The scene, in place of --scene.", first=True)
 SCENES = replace(SCENE, help=f"{SCENE.help[:-1]}; may be repeated.", typed=list[str], place="[SCENE]...",
-                 python="One or several, or Scenes.")
+                 placed="Scenes, in place of --scene or beside it.", python="One or several, or Scenes.")
 FRAMES = Option("Scene frames in total, dealt to the scenes in turn.", least=1, usual=DEFAULT_FRAMES, first=True)
 SEED = Option("Dataset seed: same seed, same bytes.", least=0, most=LARGEST_SEED, first=True)
 TARGETS = Option("JSON file of exactly these targets: one frame for each inner list.",

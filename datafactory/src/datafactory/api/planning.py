@@ -10,7 +10,6 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from datafactory.api.asking import materials_of, order_of
-from datafactory.api.declared import common, taking
 from datafactory.api.options import OrderOptions, PlanOptions
 from datafactory.effects.plan import EffectPlan, FramePlan, plan_of_frame, plan_of_scene
 from datafactory.effects.proof import Proof, costs, prove
@@ -19,6 +18,7 @@ from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.portions import Job
 from datafactory.run.preparation import prepare
 from shared.physics.errors import Told
+from shared.processes.declared import common, taking
 
 MOST_FRAMES = 8
 """Frames of a scene whose decisions are told, spread over the run; each costs about as much as one that is rendered."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from datafactory.api.asking import materials_of, order_of, scenes_of
-from datafactory.api.declared import common, taking
 from datafactory.api.options import OrderOptions, SceneOptions, ViewOptions
 from datafactory.frame.chain import SceneSource, StoredSource, narrowed
 from datafactory.paths.backend import set_threads
@@ -16,6 +15,7 @@ from datafactory.view.subject import Subject
 from shared.dataset.locations import Location, locate
 from shared.dataset.writing import write_bytes
 from shared.physics.errors import InputError
+from shared.processes.declared import common, taking
 
 PAGE_SUFFIX = ".html"
 

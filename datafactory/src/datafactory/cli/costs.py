@@ -10,9 +10,9 @@ import typer
 from rich.table import Table
 
 from datafactory.api.options import AccuracyOptions, OrderOptions, PlanOptions
-from datafactory.cli.options import asking
 from datafactory.defaults import DEFAULT_FRAMES, IMAGE_BATCH
 from shared.cli.console import bars, plain_console, table
+from shared.cli.options import asking
 from shared.physics.errors import InputError
 
 PLAN_WIDTH = 150
@@ -88,9 +88,9 @@ def accuracy(asked: AccuracyOptions) -> None:
     from datafactory.accuracy import report, study
     from datafactory.accuracy.knobs import Sample
     from datafactory.api.asking import materials_of, order_of
-    from datafactory.api.declared import common
     from datafactory.paths.backend import set_threads
     from datafactory.run.preparation import prepare
+    from shared.processes.declared import common
 
     scene, out, quick = asked.scene, asked.out, asked.quick
     if scene is None:

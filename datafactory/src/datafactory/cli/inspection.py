@@ -12,8 +12,8 @@ import typer
 from rich.table import Table
 
 from datafactory.api.options import CheckOptions, InspectOptions, ViewOptions
-from datafactory.cli.options import asking
 from shared.cli.console import bars, plain_console, table
+from shared.cli.options import asking
 from shared.physics.errors import InputError
 
 if TYPE_CHECKING:

@@ -19,8 +19,8 @@ from datafactory.api.options import (
     RunOptions,
     TraceOptions,
 )
-from datafactory.cli.options import asking
 from shared.cli.console import bars, plain_console
+from shared.cli.options import asking
 from shared.physics.errors import InputError
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""How commands are made to take the options of :mod:`datafactory.api.options`."""
+"""How commands are made to take options that are declared as :mod:`shared.processes.declared` says."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Annotated, Any, TypeVar
 
 import typer
 
-from datafactory.api.declared import HEADINGS, Declared, Options, declared
 from shared.physics.errors import InputError
+from shared.processes.declared import HEADINGS, Declared, Options, declared
 
 A = TypeVar("A", bound=Options)
 BY_PLACE = "_by_place"
@@ -23,7 +23,8 @@ def asking(group: type[A]) -> Callable[[Callable[..., None]], Callable[..., None
     What the function takes beside its first parameter stays as Typer understands it.
     """
     options = sorted(
-        (item for item in declared(group) if item.option.shown), key=lambda item: HEADINGS.index(item.heading)
+        (item for item in declared(group) if item.option.shown),
+        key=lambda item: (item.option.flag is not None, HEADINGS.index(item.heading)),
     )
 
     def made(function: Callable[..., None]) -> Callable[..., None]:
@@ -54,15 +55,15 @@ def _parameters(item: Declared) -> list[Parameter]:
     if default in (None, ()) or option.place:
         kind, default = kind | None, None
     if option.place:
-        several = option.place.endswith("...")
-        told = "Scenes, in place of --scene or beside it." if several else "The scene, in place of --scene."
-        found.append(_parameter(item.name + BY_PLACE, kind, None, typer.Argument(metavar=option.place, help=told)))
+        placed = typer.Argument(metavar=option.place, help=option.placed)
+        found.append(_parameter(item.name + BY_PLACE, kind, None, placed))
     least, most = (None if abs(bound) == float("inf") else bound for bound in (option.least, option.most))
     panel = None if option.first else item.heading or None
     declaration = typer.Option(
-        flag, min=least, max=most, metavar=option.metavar, help=option.help, rich_help_panel=panel
-    )
-    for other in (option.usual, option.there):
+        flag, min=least, max=most, metavar=option.metavar, help=option.help, rich_help_panel=panel,
+        show_default=option.otherwise or True,
+    )  # fmt: skip
+    for other in (option.usual, option.there) if option.otherwise is None else ():
         default = default if other is None else other
     return [*found, _parameter(item.name, kind, default, declaration)]
 
@@ -75,19 +76,25 @@ def _parameter(name: str, kind: Any, default: Any = Parameter.empty, declaration
 def _stated(options: list[Declared], context: typer.Context, given: dict[str, Any]) -> dict[str, Any]:
     """What the user said, by place or by name, and defaults that are the command line's own.
 
-    :raises InputError: one scene by its place and another by its name
+    :raises InputError: one value by its place and another by its name
     """
     said = {}
-    for name, option in ((item.name, item.option) for item in options):
+    for item in options:
+        name, option = item.name, item.option
         source = context.get_parameter_source(name)
+        stated = source is not None and source.name != "DEFAULT"
         if option.place and option.flag:
             placed, named = given[name + BY_PLACE], given[name]
             if option.place.endswith("..."):
                 said[name] = [*(placed or ()), *(named or ())]
             elif placed is not None and named is not None:
-                raise InputError("--scene", f"{named!r} beside {placed!r}", "one scene")
+                raise InputError(item.flag, f"{named!r} beside {placed!r}", f"one {name}")
             else:
                 said[name] = named if placed is None else placed
-        elif option.there is not None or (source is not None and source.name != "DEFAULT"):
+        elif stated and option.read is not None:
+            said[name] = option.read(given[name])
+        elif stated:
             said[name] = given[name]
+        elif option.there is not None:
+            said[name] = option.there
     return said

@@ -2,17 +2,17 @@
 
 A field is ``name: Annotated[type, Option(help, ...)] = default``, in a module whose annotations are not postponed. A
 value checks itself when it is made, so that both refuse the same things in the same words. :func:`taking` makes a
-function's parameters of the fields, and :func:`datafactory.cli.options.asking` a command's. Nothing here computes:
+function's parameters of the fields, and :func:`shared.cli.options.asking` a command's. Nothing here computes:
 ``--help`` imports it.
 """
 
 import inspect
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import update_wrapper
 from numbers import Integral, Real
-from types import NoneType
+from types import NoneType, UnionType
 from typing import Any, ClassVar, ForwardRef, NamedTuple, ParamSpec, TypeVar, dataclass_transform, get_args
 
 from shared.physics.errors import InputError, meant
@@ -43,7 +43,11 @@ class Option:
     :param flag: the option's name there, where it is not that of the field; None: it is given by its place alone
     :param metavar: what stands there for the value
     :param place: what stands there for the value of an option that may also be given by its place
-    :param usual: the default that help shows, where the field's is None: what is not stated may follow from the rest
+    :param placed: what help says of the value that is given by its place, where the option has a name as well
+    :param read: makes the value of what is typed
+    :param usual: the default that help shows, where the field's is another: what is not stated may follow from the
+        rest
+    :param otherwise: what help says in words in place of a default
     :param there: the default on the command line, where it is another one
     :param shown: whether commands have it
     :param first: whether a newcomer needs it: help shows these before the others, which stand under headings
@@ -58,7 +62,10 @@ class Option:
     flag: str | None = ""
     metavar: str | None = None
     place: str | None = None
+    placed: str = ""
+    read: Callable[[Any], Any] | None = None
     usual: Any = None
+    otherwise: str | None = None
     there: Any = None
     shown: bool = True
     first: bool = False
@@ -84,9 +91,9 @@ class Declared(NamedTuple):
     def check(self, value: Any) -> None:
         """:raises InputError: none of the choices, a value of another type than a plain one, or out of bounds"""
         choices, bounds = self.option.choices, self.option.bounds
-        if choices and value not in choices:
+        if choices and value is not None and value not in choices:
             raise InputError(self.flag, repr(value), f"one of {', '.join(choices)}{meant(str(value), choices)}")
-        kinds = get_args(self.annotation) or (self.annotation,)
+        kinds = get_args(self.annotation) if isinstance(self.annotation, UnionType) else (self.annotation,)
         if not any(isinstance(value, PLAIN.get(kind, (object, ""))[0]) for kind in kinds):
             plain = " or ".join(PLAIN[kind][1] for kind in kinds)
             raise InputError(self.flag, repr(value), ", ".join(filter(None, (plain, bounds))))
@@ -121,7 +128,7 @@ def declared(group: Callable[..., Options]) -> list[Declared]:
         owners = (one for one in reversed(group.__mro__) if name in inspect.get_annotations(one))
         kind, (option,) = parameter.annotation.__origin__, parameter.annotation.__metadata__
         kind = kind.__forward_arg__ if isinstance(kind, ForwardRef) else kind
-        flag = option.place if option.flag is None else option.flag or f"--{name.replace('_', '-')}"
+        flag = option.place or name if option.flag is None else option.flag or f"--{name.replace('_', '-')}"
         found.append(Declared(name, flag, kind, parameter.default, vars(next(owners))["heading"], option))
     return found
 
@@ -166,3 +173,9 @@ def meaning(option: Option, names: Mapping[str, str]) -> str:
     said = re.sub(r"--[a-z][a-z-]*", lambda flag: names.get(flag[0], flag[0]), option.help)
     usual = "" if option.usual is None else f"{option.usual} by default."
     return " ".join(filter(None, (said, usual, option.python)))
+
+
+def either(names: Iterable[str]) -> str:
+    """``"a, b or c"``"""
+    *others, last = names
+    return f"{', '.join(others)} or {last}" if others else last
