@@ -15,7 +15,8 @@ from trainer.evaluation.evaluate import evaluate
 from trainer.evaluation.experiments.bench import EvaluationConfig
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import RUN_FILE
-from trainer.training.fit import FitRequest, fit
+from trainer.training.fit import fit
+from trainer.training.options import FitRequest
 from trainer.training.verdict import VERDICT
 
 OUT = Path(os.environ.get("EXAMPLES_OUT", "build/examples")) / "ablation"
@@ -51,7 +52,7 @@ def main() -> None:
     for run in runs:
         if not (run / VERDICT).is_file():
             changed = FitConfig.model_validate({"steps": STEPS, **VARIANTS[run.name]})
-            fit(FitRequest([dataset], run, changed, ARRAY, resume=(run / RUN_FILE).is_file()))
+            fit(FitRequest([dataset], run, config=changed, array=ARRAY, resume=(run / RUN_FILE).is_file()))
     config = EvaluationConfig(
         runs=tuple(runs), methods=("das", "unet"), arrays=(ARRAY,), experiments=("detection", "resolution"),
         trials=TRIALS,

@@ -34,7 +34,8 @@ from shared.signal.windows import cell_noise_power
 from trainer.data.measurements import ALL, PEAKS, open_measurements
 from trainer.run.answers import NetworkAnswer
 from trainer.run.detections import BY_HEAD, BY_LEVEL, FALSE_ALARMS, HIGHEST_DB, Detections
-from trainer.run.predictor import PointsRequest, Predictor
+from trainer.run.options import PointsRequest
+from trainer.run.predictor import Predictor
 
 TOLD_DB, THERE_DB = 13.0, 0.0
 """Over the noise of the array's channels added: cells that count, and cells whose power makes a line true."""
@@ -50,7 +51,7 @@ def main(
 ) -> None:
     for cells, allowed in product((PEAKS, ALL), false_alarms):
         radar, measurements = open_measurements(cubes, None, "all", cells)
-        predictor = Predictor.load(model, radar, PointsRequest(allowed, cells))
+        predictor = Predictor.load(model, radar, PointsRequest(false_alarms=allowed, cells=cells))
         noise = cell_noise_power(radar) / predictor.answer.line.channels
         traced = {f.frame_id: f for file in sorted(paths.glob("**/*.parquet")) for f in read_paths(file)}
         visible = in_view(radar)

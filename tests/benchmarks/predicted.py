@@ -13,7 +13,8 @@ from shared.radar import Radar
 from trainer.data.arrays import choose_array
 from trainer.data.simulation import amplitude_of
 from trainer.run.answers import array_answer
-from trainer.run.predictor import Motions, PointsRequest, Predictor
+from trainer.run.options import PointsRequest
+from trainer.run.predictor import Motions, Predictor
 
 NETWORK, ECHOES = "sparse6", 1000
 SNR_DB, AT_M = 10.0, 85.0

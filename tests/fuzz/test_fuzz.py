@@ -40,8 +40,8 @@ from trainer.captures import reading
 from trainer.captures.calibration import read_calibration, to_toml
 from trainer.captures.cube_file import read_cube
 from trainer.captures.importing import import_capture, read_capture
+from trainer.captures.options import Reading
 from trainer.captures.reading import read_npz
-from trainer.captures.samples import Reading
 from trainer.data.arrays import choose_array
 from trainer.data.measurements import open_measurements
 from trainer.evaluation.experiments.measured_input import read_snapshot
@@ -126,16 +126,16 @@ def finite_measurements(path: Path) -> None:
 def finite_capture(path: Path, board: str = "iwr1642", chirps: str = "capture.toml") -> None:
     """With the axes of the cube's file, where it is one of arrays."""
     axes = "frame chirp sample (rx tx)" if path.suffix in (".npy", ".mat", ".h5") else None
-    assert np.isfinite(read_capture(path, Reading(board, str(path.parent / chirps), axes)).cube).all()
+    assert np.isfinite(read_capture(path, Reading(board, radar=str(path.parent / chirps), axes=axes)).cube).all()
 
 
 def finite_cascade(path: Path) -> None:
-    read_capture(path.parent, Reading("mmwcas", str(path.parent / "capture.toml")))
+    read_capture(path.parent, Reading("mmwcas", radar=str(path.parent / "capture.toml")))
 
 
 def applied(path: Path) -> None:
     """A calibration, on a capture."""
-    reading = Reading("iwr1642", str(path.parent / "capture.toml"), frames=(0, 1))
+    reading = Reading("iwr1642", radar=str(path.parent / "capture.toml"), frames=(0, 1))
     (path.parent / "c.npz").unlink(missing_ok=True)
     import_capture(path.parent / "good.bin", path.parent / "c.npz", reading, path, str)
 

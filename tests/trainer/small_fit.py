@@ -11,12 +11,13 @@ from tiny_radar import TINY
 
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import CHECKPOINT, METRICS, Run
-from trainer.training.fit import FitRequest, fit
+from trainer.training.fit import fit
+from trainer.training.options import FitRequest
 
 
 def run(dataset: Any, out: Path, config: FitConfig = TINY, **arguments: Any) -> tuple[Run, list[str]]:
     lines: list[str] = []
-    result = fit(FitRequest([dataset], out, config, array="full", **arguments), lines.append)
+    result = fit(FitRequest([dataset], out, config=config, array="full", **arguments), lines.append)
     return result, lines
 
 

@@ -19,7 +19,7 @@ from trainer.captures.calibrating import Place, calibrate, residual
 from trainer.captures.calibration import Calibration, read_calibration
 from trainer.captures.cube_file import read_cube
 from trainer.captures.importing import import_capture, read_capture
-from trainer.captures.samples import Reading
+from trainer.captures.options import Reading
 
 BOARD = "mmwcas-azimuth"
 GAIN_DB, PHASE_DEG, DELAY_S = 1.5, 12.0, 20e-12
@@ -38,7 +38,7 @@ class Bench:
 
     @property
     def reading(self) -> Reading:
-        return Reading(BOARD, str(self.folder / "capture.toml"), axes="chirp sample (rx tx)")
+        return Reading(BOARD, radar=str(self.folder / "capture.toml"), axes="chirp sample (rx tx)")
 
     def measure(self, name: str, range_m: float, angle_deg: float, noise: float, dead: tuple[int, ...] = ()) -> Place:
         """A reflector of amplitude 1 with noise of this amplitude in each sample, and where it was said to stand."""

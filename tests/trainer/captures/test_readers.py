@@ -17,14 +17,14 @@ from shared.signal.spectrum import range_doppler
 from trainer.captures import reading
 from trainer.captures.array_files import read_array_capture
 from trainer.captures.importing import RawCapture, read_capture
+from trainer.captures.options import Reading
 from trainer.captures.reading import SUFFIXES, read_arrays
-from trainer.captures.samples import Reading
 
 CASCADE = "tx = [12, 11, 1]\n"
 
 
 def read(folder: Path, name: str, board: str, **options: object) -> RawCapture:
-    return read_capture(folder / name, Reading(board, str(folder / "capture.toml"), **options))  # type: ignore[arg-type]
+    return read_capture(folder / name, Reading(board, radar=str(folder / "capture.toml"), **options))  # type: ignore[arg-type]
 
 
 def read_axes(path: Path, radar: Radar, axes: str | None = None) -> tuple[NDArray[np.complex64], str]:

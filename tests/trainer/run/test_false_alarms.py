@@ -25,7 +25,8 @@ from trainer.estimators.fitting import (
 )
 from trainer.run import false_alarms
 from trainer.run.detections import Sought, find_detections
-from trainer.run.predictor import PointsRequest, Predictor
+from trainer.run.options import PointsRequest
+from trainer.run.predictor import Predictor
 
 RADAR = Radar()
 BINS = np.array([-1, 0, 1])
@@ -159,7 +160,7 @@ def test_of_noise_an_array_that_tells_no_angle_lists_about_what_is_asked_for(
     draw, frames = np.random.default_rng(2), 30
     white = draw.standard_normal((frames, chirps, 128, rx, 2)) @ [1.0, 1j] * np.sqrt(0.5 * radar.sample_noise_power_w)
     for asked in (0.1, 3.0):
-        predictor = Predictor.load("das", radar, PointsRequest(asked), velocity=(0.0, 0.0))
+        predictor = Predictor.load("das", radar, PointsRequest(false_alarms=asked), velocity=(0.0, 0.0))
         found = [points for cube in white if (points := predictor.cube(cube).points) is not None]
         listed = sum(map(len, found)) / frames
         assert least * asked - 0.07 < listed < 1.2 * asked + 0.1  # a standard error of 0.06 and of 0.32 lines

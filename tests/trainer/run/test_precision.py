@@ -13,7 +13,8 @@ from tiny_run import make_run
 
 from trainer.run.folder import load_imager
 from trainer.run.imager import FLOAT32_INSTEAD, in_bfloat16, precision_remark
-from trainer.run.predict import PredictRequest, predict
+from trainer.run.options import PredictRequest
+from trainer.run.predict import predict
 
 WITHOUT: dict[str, bool] = {}
 WITH = [{name: True} for name in ("avx512_bf16", "amx_bf16", "bf16", "sve_bf16")]
@@ -50,7 +51,7 @@ def test_fit_predict_and_evaluate_say_so_once(
     config = TINY.model_copy(update={"precision": "bf16"})
     _, of_fit = small_fit(data, tmp_path / "run", config)
     of_predict: list[str] = []
-    predict(PredictRequest(data, tmp_path / "out", run=tmp_path / "run", pictures=False), of_predict.append)
+    predict(PredictRequest([tmp_path / "run", data], tmp_path / "out", pictures=False), of_predict.append)
     of_evaluate: list[str] = []
     evaluated(
         data, tmp_path / "report", runs=[tmp_path / "run"], methods=["unet"], arrays=["full"],

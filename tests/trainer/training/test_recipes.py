@@ -50,6 +50,12 @@ def test_a_file_states_fields_between_the_recipe_and_the_options(tmp_path: Path)
     assert configuration("doa", None, path).steps == 4000
 
 
+def test_what_is_stated_counts_before_a_configuration() -> None:
+    """Recipe and device do not: the configuration is given in their place."""
+    assert configuration("paper", {"steps": 5, "batch": None}, FitConfig(width=8)) == FitConfig(width=8, steps=5)
+    assert configuration(config=FitConfig(width=8)).model_fields_set == {"width", "features"}
+
+
 def test_loggers() -> None:
     assert make_logger("none", Path("out")) is False
     if find_spec("wandb") is None:

@@ -17,7 +17,8 @@ from trainer.run.folder import WEIGHTS, load_imager, read_run
 from trainer.run.imager import Imager
 from trainer.run.pretrained import pretrained_run
 from trainer.training.fit import FURTHER_RATE
-from trainer.training.start import SHIPPED, begin_with, shipped_start
+from trainer.training.options import SHIPPED
+from trainer.training.start import begin_with, shipped_start
 
 BOARD = load_radar("avr-qdm-110")
 

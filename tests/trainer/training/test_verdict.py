@@ -19,7 +19,8 @@ from trainer.run.answers import array_answer
 from trainer.run.folder import Run, load_imager, save_weights, write_run
 from trainer.run.imager import Imager
 from trainer.training import verdict as module
-from trainer.training.fit import FitRequest, fit
+from trainer.training.fit import fit
+from trainer.training.options import FitRequest
 from trainer.training.verdict import NAMES, PICTURE, VERDICT, VIEWS, Verdict, judge
 
 WHOLE = {"model": "spectral-unet", "features": "adaptive"}
@@ -180,7 +181,7 @@ def test_a_radar_that_ends_before_the_first_truth_cell_has_no_average_precision(
 def test_fit_ends_with_the_verdict_of_its_best_weights(tmp_path):
     data = strong_dataset(tmp_path / "data", training=8)
     lines: list[str] = []
-    fit(FitRequest([data], tmp_path / "run", TINY, array="full"), lines.append)
+    fit(FitRequest([data], tmp_path / "run", config=TINY, array="full"), lines.append)
     assert lines[-2].startswith("test split, 1 frames")
     assert lines[-1] == "Whether training helped cannot be said of so few frames."
     document = json.loads((tmp_path / "run" / VERDICT).read_text())

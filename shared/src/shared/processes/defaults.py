@@ -5,6 +5,9 @@ from __future__ import annotations
 DEFAULT_RADAR = "avr-qdm-110"
 """A name of :data:`shared.radar.PRESETS`."""
 
+BOARD_NAMES = ("iwr1443", "iwr1642", "iwr1843", "awr2944", "mmwcas", "mmwcas-azimuth")
+"""Of :data:`shared.radar.boards.BOARDS`."""
+
 LARGEST_SEED = 2**63 - 1
 """Seeds are stored as int64."""
 

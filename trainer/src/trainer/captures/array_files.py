@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
 from shared.radar import Radar
-from trainer.captures.samples import Reading, as_cube, chosen_frames
+from trainer.captures.options import Reading
+from trainer.captures.samples import as_cube, chosen_frames
 
 NAMES = ("frame", "chirp", "tx", "rx", "sample", "iq")
 GUESSES = (

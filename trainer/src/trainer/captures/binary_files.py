@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
 from shared.radar import CaptureRadar
-from trainer.captures.samples import Reading, Sizes, as_cube, chosen_frames, frames_there, read_numbers, sizes_of
+from trainer.captures.options import Reading
+from trainer.captures.samples import Sizes, as_cube, chosen_frames, frames_there, read_numbers, sizes_of
 
 Lanes = Literal["2-lane", "4-lane"]
 LANES = 4

@@ -38,7 +38,8 @@ from shared.signal.signal import if_signal_of_delays, round_trip_delays
 from shared.signal.windows import hann
 from trainer.captures.calibration import Calibration, Reflector, write_calibration
 from trainer.captures.importing import RawCapture, read_capture
-from trainer.captures.samples import Reading, without_echo
+from trainer.captures.options import Reading
+from trainer.captures.samples import without_echo
 
 SEARCH_BINS = 3.0
 """A reflector stands that near to its stated range: tapes err by centimetres, boards add some of their own."""

@@ -21,11 +21,11 @@ from trainer.captures.binary_files import DEVICES, LANES, Lanes, cascade_files, 
 from trainer.captures.calibration import Calibration, read_calibration
 from trainer.captures.cascade_calibration import is_cascade_calibration, read_cascade_calibration
 from trainer.captures.cube_file import Capture, Scale, measured_noise, write_cube
+from trainer.captures.options import Reading
 from trainer.captures.reading import SUFFIXES, read_arrays
 from trainer.captures.samples import (
     FULL_SCALE,
     OTHER_SIDE_DB,
-    Reading,
     chosen_frames,
     flatness_db,
     other_side_db,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from shared.physics.errors import InputError
 from shared.radar import Radar
 from shared.radar.radar import LARGEST_ARRAY
+from trainer.captures.options import Order
 
-Order = Literal["iq", "qi"]
 LARGEST_CUBE = 3 * LARGEST_ARRAY
 """Bytes of all frames together: what a .npz is read up to."""
 DEAD_DB = 25.0
@@ -28,30 +28,6 @@ FULL_SCALE = 2**15
 NEAR_BINS, OTHER_SIDE_DB = 4, 10.0
 """TX leak into RX at a range of almost 0, in the first bins after bin 0. Where the last bins, which are those of
 negative frequencies, hold that much more, I and Q are the other way round, or the bytes are something else."""
-
-
-@dataclass(frozen=True)
-class Reading:
-    """How a capture is read.
-
-    :param board: name of the board, see :mod:`shared.radar.boards`
-    :param radar: file of its chirps, TOML or .cfg; without it those of the board's preset
-    :param axes: of an array, see :mod:`trainer.captures.array_files`
-    :param variable: of several arrays in a file
-    :param layout: of a .bin, see :data:`trainer.captures.importing.LAYOUTS`; by default the board's
-    :param order: "iq", or "qi" where Q comes first
-    :param frames: from the first to before the second; all by default
-    :param mirror: exchange left and right of the board
-    """
-
-    board: str
-    radar: str | None = None
-    axes: str | None = None
-    variable: str | None = None
-    layout: str | None = None
-    order: Order = "iq"
-    frames: tuple[int, int] | None = None
-    mirror: bool = False
 
 
 @dataclass(frozen=True)

@@ -20,10 +20,8 @@ from shared.signal.spectrum import doppler_neighbours, range_doppler, select_dop
 from trainer.captures.cube_file import CubeFile, read_cube
 from trainer.data.cfar import cfar_cells
 from trainer.data.motion import read_motion
+from trainer.defaults import ALL, PEAKS
 
-PEAKS, ALL = "peaks", "all"
-CELLS = (PEAKS, ALL)
-"""Of a frame: its three strongest Doppler peaks of every range bin, or what passes :mod:`trainer.data.cfar`."""
 LEAST_CHIRPS = 4
 """The main lobe of a Hann window: of no more chirps a cell's neighbours are no evidence of its velocity."""
 
@@ -104,7 +102,7 @@ def open_measurements(
     A cube is a ``.npy`` with its radar named by ``radar``, or a ``.npz``, see :mod:`trainer.captures.cube_file`; a file
     beside it may state the sensor's motion, see :mod:`trainer.data.motion`.
 
-    :param cells: of :data:`CELLS`
+    :param cells: of :data:`trainer.defaults.CELLS`
     :raises InputError: neither, or one that is damaged or does not fit its radar
     """
     source = locate(source)
@@ -167,7 +165,7 @@ def of_cube(
 ) -> Measurement:
     """A frame of a cube; of several the name says which.
 
-    :param cells: of :data:`CELLS`; :param number: of the frame, where it is not its place in the cube
+    :param cells: of :data:`trainer.defaults.CELLS`; :param number: of the frame, where it is not its place in the cube
     """
     radar, capture = found.radar, found.capture
     # A cube that was simulated or written by hand has no model error, one whose calibration does not say a usual one.

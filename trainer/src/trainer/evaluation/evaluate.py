@@ -23,9 +23,10 @@ from shared.dataset.writing import remove_partial, write_text
 from shared.physics.errors import InputError
 from shared.radar import Radar
 from trainer.data.arrays import choose_array
+from trainer.defaults import DEFAULT_ARRAYS, NETWORKS
 from trainer.estimators.base import ESTIMATORS
-from trainer.evaluation.experiments.bench import DEFAULT_ARRAYS, Bench, EvaluationConfig, Experiment, Results
-from trainer.evaluation.experiments.contenders import NETWORKS, check_methods, gather
+from trainer.evaluation.experiments.bench import Bench, EvaluationConfig, Experiment, Results
+from trainer.evaluation.experiments.contenders import check_methods, gather
 from trainer.evaluation.experiments.cylinders import PointSpread, Reflectors
 from trainer.evaluation.experiments.detection import Detection
 from trainer.evaluation.experiments.doppler import Doppler

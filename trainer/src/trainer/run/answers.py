@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from shared.physics.errors import InputError, meant
+from shared.physics.errors import InputError
 from shared.radar import Radar
 from shared.signal.adaptive import scanned_angles
 from shared.signal.ego_motion import EgoMotion, StaticWorld
@@ -284,18 +284,11 @@ def estimator_answer(name: str, radar: Radar, dead_channels: tuple[int, ...] = (
     """The estimator of this name on the line of channels along azimuth.
 
     :param dead_channels: left out
-    :raises InputError: an unknown name, no channel left
+    :raises InputError: no channel left
     """
-    check_method(name)
     channels = np.setdiff1d(radar.array.azimuth_channels, np.array(dead_channels, dtype=np.intp))
     if not len(channels):
         raise InputError("channels", f"all {radar.array.channels} are dead", "a channel with an echo")
     # Output files name RX: those of which any channel is in use.
     array = ArrayChoice(name="full", rx=tuple(np.unique(radar.array.channel_rx[channels]).tolist()))
     return replace(array_answer(name, array, radar), channels=channels)
-
-
-def check_method(name: str) -> None:
-    """:raises InputError: no estimator of this name"""
-    if name not in ESTIMATORS:
-        raise InputError("--method", repr(name), f"one of {', '.join(ESTIMATORS)}{meant(name, ESTIMATORS)}")

@@ -6,13 +6,14 @@ the physics).
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, FiniteFloat, model_validator
 
 from shared.processes.defaults import LARGEST_SEED
 from shared.radar.front_end import PhaseNoise
 from shared.signal.windows import ANGLE_WINDOWS
+from trainer.defaults import Features, Model, Precision, Target
 
 Share = Annotated[FiniteFloat, Field(ge=0, le=1)]
 
@@ -91,11 +92,6 @@ Count = Annotated[int, Field(ge=1, le=10**9)]
 Few = Annotated[int, Field(ge=1, le=2**14)]
 """Channels, units, frames of a batch: one array holds them all."""
 Positive = Annotated[FiniteFloat, Field(gt=0)]
-
-Model = Literal["unrolled", "spectral-unet", "attention-unet", "doa-cnn"]
-Features = Literal["snapshots", "adaptive", "paper", "covariance"]
-Target = Literal["row", "paper", "class", "doa"]
-Precision = Literal["32", "bf16"]
 
 FEATURES: dict[str, Features] = {"unrolled": "snapshots", "doa-cnn": "covariance"}
 """What a network sees where its configuration does not say; "adaptive" for the others."""

@@ -16,7 +16,6 @@ from shared.dataset.writing import write_text
 from shared.signal.ego_motion import EgoMotion
 from trainer.run.detections import Detections
 
-FORMATS = ("parquet", "csv", "pcd")
 CSV_FILE = "detections.csv"
 UNITS = {
     "range": "m", "u": "sin(azimuth)", "velocity": "m/s, receding", "amplitude_db": "dB re 1 sqrt(W)",

@@ -23,6 +23,7 @@ from shared.radar.waveform import Waveform
 from shared.signal.ego_motion import EgoMotion, moving_probability
 from shared.signal.model_error import model_error_ratio, with_model_error
 from trainer.data.measurements import Cells
+from trainer.defaults import FALSE_ALARMS
 from trainer.estimators.array import LineArray
 from trainer.estimators.fitting import (
     FALSE_ALARM,
@@ -40,8 +41,6 @@ from trainer.run.targets_once import Beams, Lines
 
 CANDIDATES = 6
 """Peaks of a row's score that its fit begins with: the fit adds what is missing and drops what is needless."""
-FALSE_ALARMS = 1.0
-"""Expected lines of a frame of noise alone, by :mod:`trainer.run.false_alarms`."""
 HEARD_SHARE = 0.5
 """Of the threshold of a group: a cell that holds less of its own is no centre. Half-way between bins, and between
 Doppler cells, a target loses 1.4 dB to the Hann window: both together are less than this half."""

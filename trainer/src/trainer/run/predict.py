@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -14,18 +14,16 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from shared.dataset import METADATA_KEY
-from shared.dataset.locations import Location
 from shared.dataset.writing import atomic
 from shared.physics.compiled import is_kept
 from shared.physics.errors import InputError
 from shared.signal.tdm import statement
 from trainer.data.measurements import Measurements, open_measurements
 from trainer.estimators.groups import fit_in_turn
-from trainer.run.answers import Answer, NetworkAnswer, check_method, estimator_answer, network_answer
+from trainer.run.answers import Answer, NetworkAnswer, estimator_answer, network_answer
 from trainer.run.detection_files import (
     COLUMN,
     CSV_FILE,
-    FORMATS,
     MOTION,
     MOTION_UNITS,
     column,
@@ -38,72 +36,10 @@ from trainer.run.detection_files import UNITS as DETECTION_UNITS
 from trainer.run.detections import Detections
 from trainer.run.folder import load_imager, output_folder, same_radar
 from trainer.run.imager import precision_remark
-from trainer.run.predictor import Motions, PointsRequest, Prediction, Predictor, answer_for_cubes
+from trainer.run.options import PointsRequest, PredictRequest
+from trainer.run.predictor import Motions, Prediction, Predictor, answer_for_cubes
 
 IMAGES = "images.parquet"
-
-
-@dataclass(frozen=True)
-class PredictRequest:
-    """Which frames are imaged, by what, and what is written.
-
-    :param out: a folder, new or empty
-    :param run: folder of the network; None with ``method``
-    :param method: a classical estimator in place of a network, see :data:`trainer.estimators.base.ESTIMATORS`
-    :param radar: of a .npy cube: a preset or a TOML file
-    :param split: of a dataset, or "all"
-    :param pictures: a PNG for each frame, with DaS beside it
-    :param points: a column ``detections`` as well
-    :param listed: which
-    :param points_format: with "csv" also ``detections.csv``, with "pcd" a cloud of each frame
-    :param animation: also ``animation.gif``
-    :param velocity: of the vehicle at the radar, forward and to the left [m/s], in every frame; else what the source
-        says, else what the frame shows
-    :param mounting_yaw_deg: by how much the radar is turned to the left on it
-    :raises InputError: options that do not go together
-    """
-
-    source: Location | str
-    out: Path
-    run: Path | None = None
-    method: str | None = None
-    radar: str | None = None
-    split: str = "test"
-    pictures: bool = True
-    points: bool = False
-    listed: PointsRequest = field(default_factory=PointsRequest)
-    points_format: str = "parquet"
-    animation: bool = False
-    velocity: tuple[float, float] | None = None
-    mounting_yaw_deg: float = 0.0
-
-    def __post_init__(self) -> None:
-        if self.points_format not in FORMATS:
-            raise InputError("--points-format", repr(self.points_format), " or ".join(FORMATS))
-        if self.points_format != "parquet" and not self.points:
-            raise InputError("--points-format", f"{self.points_format!r} without --points", "--points beside it")
-        if self.listed != PointsRequest() and not self.points:
-            raise InputError("--cells, --false-alarms", "without --points", "--points beside them")
-        if self.animation and not self.points:
-            raise InputError("--animation", "without --points", "--points beside it")
-        if not np.isfinite([*(self.velocity or ()), self.mounting_yaw_deg]).all():
-            raise InputError("--velocity", f"{self.velocity}, yaw {self.mounting_yaw_deg}", "finite numbers")
-        if self.mounting_yaw_deg and self.velocity is None:
-            raise InputError("--mounting-yaw", "without --velocity", "--velocity beside it")
-        if (self.run is None) == (self.method is None):
-            problem = "a run and --method" if self.method else "neither a run nor --method"
-            raise InputError("arguments", problem, "one of both")
-        if self.method is not None:
-            check_method(self.method)
-
-    def require_use(self, answer: Answer) -> None:
-        """Refuse a velocity that nothing asks for.
-
-        :raises InputError: without points, and images that depend on no motion
-        """
-        if self.velocity is not None and not (self.points or answer.uses_motion):
-            problem = f"without --points, and {answer.name!r} uses no velocity"
-            raise InputError("--velocity", problem, "--points beside it, or --method likes-view-ego")
 
 
 def predict(request: PredictRequest, announce: Callable[[str], object] = print) -> int:
@@ -114,7 +50,7 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
     out, points_format = request.out, request.points_format
     with output_folder(out, resume=False):
         answer, measurements = _open(request, announce)
-        request.require_use(answer)
+        _require_use(request, answer)
         listed = request.listed if request.points else None
         motions = Motions(request.velocity, request.mounting_yaw_deg, request.points or answer.uses_motion)
         predictor = Predictor(answer, motions, listed)
@@ -164,6 +100,16 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
     remark = precision_remark([answer.imager.config] if isinstance(answer, NetworkAnswer) else [])
     announce(f"{count} frames of {request.source} in {out}" + (f"; {remark}" if remark else ""))
     return count
+
+
+def _require_use(request: PredictRequest, answer: Answer) -> None:
+    """Refuse a velocity that nothing asks for.
+
+    :raises InputError: without points, and images that depend on no motion
+    """
+    if request.velocity is not None and not (request.points or answer.uses_motion):
+        problem = f"without --points, and {answer.name!r} uses no velocity"
+        raise InputError("--velocity", problem, "--points beside it, or --method likes-view-ego")
 
 
 def _open(request: PredictRequest, announce: Callable[[str], object]) -> tuple[Answer, Measurements]:

@@ -20,34 +20,17 @@ from shared.physics.errors import InputError
 from shared.radar import Radar
 from shared.signal.ego_motion import EgoMotion
 from trainer.captures.cube_file import CubeFile
-from trainer.data.measurements import CELLS, PEAKS, Measurement, of_cube
+from trainer.data.measurements import Measurement, of_cube
+from trainer.defaults import PEAKS
 from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.fitting import MODEL_ERROR_DB
 from trainer.run.answers import Answer, NetworkAnswer, estimator_answer, network_answer
-from trainer.run.detections import FALSE_ALARMS, Detections, Sought, find_detections, with_moving
+from trainer.run.detections import Detections, Sought, find_detections, with_moving
 from trainer.run.folder import Run, load_imager
 from trainer.run.imager import Imager
+from trainer.run.options import PointsRequest
 from trainer.run.other_radars import fitted_imager
 from trainer.run.pretrained import pretrained_names, pretrained_run
-
-
-@dataclass(frozen=True)
-class PointsRequest:
-    """Which points are listed.
-
-    :param false_alarms: expected lines of a frame of noise alone
-    :param cells: "peaks", the three Doppler peaks of every range bin, or "all", of a cube: see :mod:`trainer.data.cfar`
-    :raises InputError: values out of range
-    """
-
-    false_alarms: float = FALSE_ALARMS
-    cells: str = PEAKS
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.false_alarms) and self.false_alarms > 0.0):
-            raise InputError("--false-alarms", f"{self.false_alarms}", "a finite number above 0, of lines a frame")
-        if self.cells not in CELLS:
-            raise InputError("--cells", repr(self.cells), " or ".join(CELLS))
 
 
 @dataclass(frozen=True, eq=False)

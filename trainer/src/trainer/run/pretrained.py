@@ -1,19 +1,17 @@
-"""Runs that come with the package, for those who have data and no training."""
+"""Runs that come with the package, for those who have data and no training. Help names them: nothing here computes."""
 
 from __future__ import annotations
 
-from importlib.resources import files
 from pathlib import Path
 
 from shared.physics.errors import InputError, meant
-from trainer.run.folder import RUN_FILE
 
-FOLDER = Path(str(files("trainer.run"))) / "pretrained"
+FOLDER = Path(__file__).with_name("pretrained")
 
 
 def pretrained_names() -> tuple[str, ...]:
     """The arrays that there are trained networks for."""
-    return tuple(sorted(path.name for path in FOLDER.iterdir() if (path / RUN_FILE).is_file()))
+    return tuple(sorted(path.name for path in FOLDER.iterdir() if path.is_dir()))
 
 
 def pretrained_run(name: str) -> Path:

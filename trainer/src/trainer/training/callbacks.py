@@ -17,22 +17,17 @@ from lightning.pytorch import Callback, LightningModule, Trainer
 from lightning.pytorch.loggers import Logger, MLFlowLogger, TensorBoardLogger, WandbLogger
 
 from shared.dataset.writing import atomic
-from shared.physics.errors import InputError, meant
+from shared.physics.errors import InputError
+from trainer.defaults import OTHERS, TENSORBOARD
 from trainer.run.folder import CHECKPOINT, METRICS, save_weights
 from trainer.run.pictures import panel
 from trainer.training.task import Batch, ImagingTask
 
-TENSORBOARD, NONE = "tensorboard", "none"
-OTHERS = ("wandb", "mlflow")
-"""Loggers whose packages, of the same names, are not installed with this one."""
-LOGGERS = (TENSORBOARD, *OTHERS, NONE)
 PROJECT = "sparseradar"
 
 
 def check_logger(name: str) -> None:
-    """:raises InputError: no such logger, or a package that is not installed, with the command that installs it"""
-    if name not in LOGGERS:
-        raise InputError("--logger", repr(name), f"one of {', '.join(LOGGERS)}{meant(name, LOGGERS)}")
+    """:raises InputError: a package that is not installed, with the command that installs it"""
     if name in OTHERS and find_spec(name) is None:
         raise InputError("--logger", f"the package {name} is not installed", f"pip install {name}")
 

@@ -6,9 +6,8 @@ import logging
 import math
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import torch
@@ -17,7 +16,6 @@ from lightning.pytorch.callbacks import Callback, EarlyStopping
 from lightning.pytorch.loggers import Logger
 from lightning.pytorch.trainer.states import TrainerStatus
 
-from shared.dataset.locations import Location
 from shared.dataset.writing import PARTIAL, remove_partial
 from shared.physics.errors import InputError
 from trainer.data.arrays import choose_array
@@ -37,7 +35,6 @@ from trainer.run.folder import (
 from trainer.run.imager import precision_remark
 from trainer.training.callbacks import (
     LOSS,
-    TENSORBOARD,
     Interrupts,
     PictureLogger,
     RunKeeper,
@@ -48,8 +45,9 @@ from trainer.training.callbacks import (
 )
 from trainer.training.datamodule import ImagingData
 from trainer.training.doa import DoaData, DoaTask
+from trainer.training.options import SHIPPED, FitRequest
 from trainer.training.processes import ended_process, follower, is_first, launched
-from trainer.training.start import SHIPPED, begin_with, shipped_start
+from trainer.training.start import begin_with, configuration, shipped_start
 from trainer.training.task import ImagingTask
 from trainer.training.verdict import judge
 
@@ -72,35 +70,6 @@ build/dataset --learning-rate 1e-3 --out build/run``.
 """
 
 
-@dataclass(frozen=True)
-class FitRequest:
-    """What is trained on what, and where it is kept.
-
-    :param datasets: folders of datasets of one radar, local or by URI; the "doa-cnn" takes only the radar from them
-    :param array: see :func:`trainer.data.arrays.choose_array`
-    :param weights: share of each dataset in the batches
-    :param start: a run of the same network whose weights training begins with; None for random ones, or
-        :data:`trainer.training.start.SHIPPED`
-    :param resume: go on with the run in ``out``, at the batch after its last checkpoint
-    :param workers: reading processes
-    :param check: hash every shard before training
-    :param devices: processes, one a device; torchrun has started as many as it was told to
-    :param logger: of the curves, see :mod:`trainer.training.callbacks`
-    """
-
-    datasets: Sequence[Location | str]
-    out: Path
-    config: FitConfig
-    array: str = "sparse6"
-    weights: Sequence[float] | None = None
-    start: Path | str | None = None
-    resume: bool = False
-    workers: int = 0
-    check: bool = True
-    devices: int = 1
-    logger: str = TENSORBOARD
-
-
 def fit(request: FitRequest, announce: Callable[[str], object] = print) -> Run:
     """Train one network, keep it in ``out`` and score it on the test frames (:mod:`trainer.training.verdict`).
 
@@ -109,11 +78,13 @@ def fit(request: FitRequest, announce: Callable[[str], object] = print) -> Run:
     :raises KeyboardInterrupt: Ctrl-C; what the last validation left is whole
     """
     check_logger(request.logger)
+    given = {name: value for name, value in vars(request).items() if name in FitConfig.model_fields}
+    config = configuration(request.recipe, given, request.config)
     launch = launched(request.devices)
     out, first = request.out, is_first()
     with output_folder(out, request.resume, "an empty or new folder, or --resume") if first else follower():
-        data = ImagingData(request.datasets, request.weights, request.config, request.workers, request.check)
-        run, start, said = _begun(request, data)
+        data = ImagingData(request.datasets, request.weights, config, request.workers, request.check)
+        run, start, said = _begun(request, config, data)
         online = run.config.model == "doa-cnn"
         task = (DoaTask if online else ImagingTask)(run.config, run.radar, run.array)
         if start is not None:
@@ -153,16 +124,16 @@ def fit(request: FitRequest, announce: Callable[[str], object] = print) -> Run:
         return run
 
 
-def _begun(request: FitRequest, data: ImagingData) -> tuple[Run, Path | None, str]:
+def _begun(request: FitRequest, config: FitConfig, data: ImagingData) -> tuple[Run, Path | None, str]:
     """(the run, that whose weights it begins with, what to say of a start that was not stated)."""
     array = choose_array(request.array, data.radar)
-    config = request.config.model_copy(update={"truth_window": data.truth_window})
+    config = config.model_copy(update={"truth_window": data.truth_window})
     start, said = None if request.start is None else Path(request.start), ""
     if request.start == SHIPPED:
         # One that began with random weights was asked to, or nothing shipped did fit.
         anew = request.resume and (request.out / RUN_FILE).is_file() and read_run(request.out).start is None
         start, said = (None, "") if anew else shipped_start(config, data.radar, array)
-    if start is not None and "learning_rate" not in request.config.model_fields_set:
+    if start is not None and "learning_rate" not in config.model_fields_set:
         config = config.model_copy(update={"learning_rate": FURTHER_RATE})
     run = Run(
         config=config,

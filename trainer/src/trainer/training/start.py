@@ -46,20 +46,25 @@ RECIPES: dict[str, Changes] = {
 """By the name that ``--recipe`` takes."""
 
 
-def configuration(recipe: str = "recommended", given: Changes | None = None, file: Path | None = None) -> FitConfig:
+def configuration(
+    recipe: str = "recommended", given: Changes | None = None, config: FitConfig | Path | None = None
+) -> FitConfig:
     """The configuration of a recipe on this machine's device.
 
     :param given: fields stated by the user, which count before the file's; those count before the recipe's, and the
         recipe's before the device's. None stands for a field that is not stated.
-    :param file: TOML file with fields of :class:`trainer.run.configuration.FitConfig`, by their names
+    :param config: TOML file with fields of :class:`trainer.run.configuration.FitConfig`, by their names; or a
+        configuration, in place of recipe and device
     :raises InputError: an unknown recipe, a file that is no TOML, a field or value that no run has
     """
     if recipe not in RECIPES:
         *names, last = RECIPES
         raise InputError("--recipe", repr(recipe), f"{', '.join(names)} or {last}{meant(recipe, RECIPES)}")
     stated = {name: value for name, value in (given or {}).items() if value is not None}
-    from_file = {} if file is None else _fields_of(file)
-    source = "trainer fit" if file is None else f"trainer fit with {file}"
+    if isinstance(config, FitConfig):
+        return validated(FitConfig, config.model_dump(exclude_unset=True) | stated, "trainer fit")
+    from_file = {} if config is None else _fields_of(config)
+    source = "trainer fit" if config is None else f"trainer fit with {config}"
     device = GPU if torch.cuda.is_available() else {"precision": "bf16" if has_bfloat16() else "32"}
     return validated(FitConfig, {**device, **RECIPES[recipe], **from_file, **stated}, source)
 
@@ -73,8 +78,6 @@ def _fields_of(path: Path) -> Changes:
     return fields
 
 
-SHIPPED = "shipped"
-"""In place of a start: the weights that come with the package where they fit, else random ones."""
 NETWORK_FIELDS = (
     "model", "width", "hidden", "features", "iterations", "learned", "detection", "target", "exponent",
 )  # fmt: skip

@@ -20,15 +20,13 @@ from shared.processes.defaults import LARGEST_SEED
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.options import EvaluateOptions
 from trainer.evaluation.report.tables import TRUTH, Condition, Numbers, SummaryColumn, condition_text
 from trainer.evaluation.store import Values
 from trainer.run.folder import SceneRecord
 
 KEPT = 2
 """Frames or simulated scenes that an experiment holds while its contenders take turns."""
-
-
-DEFAULT_ARRAYS = ("sparse6", "sparse4", "full")
 
 
 class EvaluationConfig(BaseModel, frozen=True, extra="forbid"):
@@ -47,12 +45,12 @@ class EvaluationConfig(BaseModel, frozen=True, extra="forbid"):
 
     runs: tuple[Path, ...] = ()
     methods: tuple[str, ...] | None = None
-    arrays: tuple[str, ...] = DEFAULT_ARRAYS
+    arrays: tuple[str, ...] = EvaluateOptions.arrays
     experiments: tuple[str, ...] | None = None
-    frames: int = Field(default=50, ge=1, le=10**6)
-    shown: int = Field(default=3, ge=1, le=1000)
-    trials: int = Field(default=120, ge=2, le=10**5)
-    seed: int = Field(default=0, ge=0, le=LARGEST_SEED)
+    frames: int = Field(default=EvaluateOptions.frames, ge=1, le=10**6)
+    shown: int = Field(default=EvaluateOptions.shown, ge=1, le=1000)
+    trials: int = Field(default=EvaluateOptions.trials, ge=2, le=10**5)
+    seed: int = Field(default=EvaluateOptions.seed, ge=0, le=LARGEST_SEED)
 
 
 @dataclass(frozen=True)

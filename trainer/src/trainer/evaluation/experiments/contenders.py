@@ -18,6 +18,7 @@ from shared.radar import Radar
 from shared.signal.windows import cell_noise_power
 from trainer.data.arrays import ArrayChoice
 from trainer.data.simulation import Trials
+from trainer.defaults import DEFAULT_METHODS, NETWORKS
 from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.fitting import fit_lines, score_peaks
 from trainer.run.answers import Answer, array_answer, network_answer
@@ -25,12 +26,8 @@ from trainer.run.detections import CANDIDATES
 from trainer.run.folder import RUN_FILE, WEIGHTS, Fingerprint, Run, load_imager, same_radar
 from trainer.run.imager import Imager
 
-NETWORKS = ("cnn", "unet")
-"""Names in ``--methods`` that stand for the runs: direction-of-arrival networks, and networks of whole images."""
 FITTED = ("likes",)
 """Estimators whose peaks begin a fit of lines: what a network's detection head is worth beside a plain one."""
-DEFAULT_METHODS = ("das", "music", "iaa", "omp")
-"""Beside the networks of all runs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +109,7 @@ def gather(
 ) -> tuple[Contender, ...]:
     """The contenders, estimators first, each on all arrays, each run on its own, in the order of methods and arrays.
 
-    :param methods: names of estimators, "cnn", "unet"; by default :data:`DEFAULT_METHODS` and all runs
+    :param methods: names of estimators, "cnn", "unet"; by default :data:`trainer.defaults.DEFAULT_METHODS` and all runs
     :param runs: run folders
     :param source: of the radar, for messages
     :raises InputError: a method that does not exist, a run of another radar or of an array that is not evaluated, "cnn"

@@ -1,0 +1,81 @@
+"""How captures are read, imported and calibrated with: see :mod:`shared.processes.declared`."""
+
+from dataclasses import field
+from pathlib import Path
+from typing import Annotated, Literal
+
+from shared.physics.errors import InputError
+from shared.processes.declared import Option, Options, either
+from shared.processes.defaults import BOARD_NAMES
+
+Order = Literal["iq", "qi"]
+
+
+def _frames(text: str) -> tuple[int, int]:
+    begin, _, end = text.partition(":")
+    try:
+        return int(begin or 0), int(end)
+    except ValueError:
+        raise InputError("--frames", f"{text!r}", "BEGIN:END, e.g. 0:10") from None
+
+
+# Not formatted: an option is read as a whole, in two or three lines.
+# fmt: off
+class BoardOptions(Options):
+    board: Annotated[str, Option(f"{either(BOARD_NAMES)}.")] = field(kw_only=False)
+
+
+class Reading(BoardOptions):
+    """How a capture is read."""
+
+    radar: Annotated[str | None, Option(
+        "The capture's chirps: a radar file with a table 'capture', or a .cfg of the SDK.",
+        "Without it those of the board's preset.")] = None
+    axes: Annotated[str | None, Option("Of an array, e.g. 'chirp (tx rx) sample'; guessed by its lengths.")] = None
+    variable: Annotated[str | None, Option("Of several arrays in a file: its name.")] = None
+    layout: Annotated[str | None, Option(
+        "Of a .bin: 2-lane, 4-lane or cascade; the board's by default.")] = None
+    order: Annotated[Order, Option("iq, or qi where Q comes first.", typed=str)] = "iq"
+    frames: Annotated[tuple[int, int] | None, Option(
+        "BEGIN:END, from the first to before the second; all by default.", typed=str, read=_frames)] = None
+    mirror: Annotated[bool, Option("Exchange left and right of the board.")] = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.order not in ("iq", "qi"):
+            raise InputError("--order", f"{self.order!r}", "iq or qi")
+
+
+class CubeOptions(BoardOptions):
+    capture: Annotated[Path, Option(
+        "A .bin of a DCA1000, the folder of a cascade, .npy, .npz, .mat or HDF5.", flag=None)]
+    out: Annotated[Path, Option("The cube, a .npz.")]
+    calibration: Annotated[Path | None, Option(
+        "Of trainer calibrate, or the cascade's calibrateResults.mat.")] = None
+
+
+class ImportOptions(Reading, CubeOptions):
+    """What is imported, and how it is read."""
+
+
+class ReflectorOptions(BoardOptions):
+    captures: Annotated[list[Path], Option("Captures of a reflector, or a calibrateResults.mat.", flag=None)]
+    ranges: Annotated[list[float], Option("Of the reflector [m]; once for each capture.", flag="--range")]
+    angles: Annotated[list[float], Option("Its azimuth [deg], positive to the left.", flag="--angle")]
+    out: Annotated[Path, Option("The calibration, a .toml.")]
+    check: Annotated[Path | None, Option("Another capture: what the calibration leaves of it.")] = None
+    check_range: Annotated[float | None, Option("Of its reflector [m].")] = None
+    check_angle: Annotated[float | None, Option("Of its reflector [deg].")] = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not len(self.captures) == len(self.ranges) == len(self.angles):
+            told = f"{len(self.captures)} captures, {len(self.ranges)} --range and {len(self.angles)} --angle"
+            raise InputError("arguments", told, "one --range and one --angle for each capture")
+        if len({value is None for value in (self.check, self.check_range, self.check_angle)}) > 1:
+            raise InputError("--check", "without all of the three", "--check, --check-range and --check-angle")
+
+
+class CalibrateOptions(Reading, ReflectorOptions):
+    """What is calibrated with, and how it is read."""
+# fmt: on

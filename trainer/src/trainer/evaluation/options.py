@@ -1,0 +1,59 @@
+"""Who is compared by what, and how much is computed: see :mod:`shared.processes.declared`."""
+
+from pathlib import Path
+from typing import Annotated
+
+from shared.processes.declared import Option, Options, either
+from shared.processes.defaults import LARGEST_SEED
+from trainer.defaults import (
+    DEFAULT_ARRAYS,
+    DEFAULT_METHODS,
+    ESTIMATOR_NAMES,
+    EXPERIMENT_NAMES,
+    NETWORKS,
+    OF_MEASURED_ROWS,
+)
+from trainer.run.pretrained import pretrained_names
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+# Not formatted: an option is read as a whole, in two or three lines.
+# fmt: off
+class EvaluateOptions(Options):
+    """Those named as a field of :class:`trainer.evaluation.experiments.bench.EvaluationConfig` state that field, which
+    has their limits."""
+
+    out: Annotated[Path, Option("Folder of the evaluation; new or empty.")]
+    dataset: Annotated[str | None, Option(
+        "Folder of a dataset with a test split, also s3://, hf:// or https://; none for --measured alone.",
+        flag=None)] = None
+    run: Annotated[tuple[Path, ...], Option("Run folder of trainer fit; repeatable.", typed=list[Path])] = ()
+    pretrained: Annotated[tuple[str, ...], Option(
+        f"A network that comes with the package: {either(pretrained_names())}; repeatable.", typed=list[str])] = ()
+    methods: Annotated[tuple[str, ...] | None, Option(
+        f"Comma-separated: {', '.join(ESTIMATOR_NAMES)}; of a measured row also {' and '.join(OF_MEASURED_ROWS)}; "
+        f"{' and '.join(NETWORKS)} stand for the runs. By default {', '.join(DEFAULT_METHODS)} and all runs, of a "
+        "measured row all.", typed=str, read=_names)] = None
+    arrays: Annotated[tuple[str, ...], Option(
+        "Comma-separated: names, or TOML files.",
+        typed=str, read=_names, usual=",".join(DEFAULT_ARRAYS))] = DEFAULT_ARRAYS
+    experiments: Annotated[tuple[str, ...] | None, Option(
+        f"Comma-separated: {', '.join(EXPERIMENT_NAMES)}. By default all that apply.", typed=str, read=_names)] = None
+    frames: Annotated[int, Option("Most test frames of each kind that are scored.")] = 50
+    shown: Annotated[int, Option("Frames to look at in the report.")] = 3
+    trials: Annotated[int, Option("Simulated trials of each condition.")] = 120
+    seed: Annotated[int, Option("Same seed, same numbers.", least=0, most=LARGEST_SEED)] = 0
+    measured: Annotated[Path | None, Option(
+        "A measured snapshot of a half-wavelength line, .mat or .npy, or a cube of trainer import.")] = None
+    targets: Annotated[int | None, Option("Targets in the measured row, where their number is known.")] = None
+    range_m: Annotated[float | None, Option(
+        "Of the row of a measured cube [m]; the strongest one.", flag="--range")] = None
+    model_error: Annotated[float | None, Option(
+        "Of the measured channels after calibration [dB of the row's power]; the cube's own, or -25.")] = None
+    workers: Annotated[int, Option(
+        "Processes that compute; 0: one a core. The numbers do not depend on it.", least=0)] = 0
+    resume: Annotated[bool, Option("Keep what is finished in --out.")] = False
+# fmt: on
