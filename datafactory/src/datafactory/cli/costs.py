@@ -11,7 +11,7 @@ from rich.table import Table
 
 from datafactory.api.options import AccuracyOptions, OrderOptions, PlanOptions
 from datafactory.defaults import DEFAULT_FRAMES, IMAGE_BATCH
-from shared.cli.console import bars, plain_console, table
+from shared.cli.console import plain_console, table
 from shared.cli.options import asking
 from shared.physics.errors import InputError
 
@@ -34,6 +34,7 @@ def plan(
     """
     from datafactory.api.planning import plan as plan_of
     from datafactory.effects.plan import draw
+    from shared.cli.progress import bars
     from shared.dataset.writing import write_json
 
     if out is not None:
@@ -90,6 +91,7 @@ def accuracy(asked: AccuracyOptions) -> None:
     from datafactory.api.asking import materials_of, order_of
     from datafactory.paths.backend import set_threads
     from datafactory.run.preparation import prepare
+    from shared.cli.progress import bars
     from shared.processes.declared import common
 
     scene, out, quick = asked.scene, asked.out, asked.quick

@@ -12,7 +12,7 @@ import typer
 from rich.table import Table
 
 from datafactory.api.options import CheckOptions, InspectOptions, ViewOptions
-from shared.cli.console import bars, plain_console, table
+from shared.cli.console import plain_console, table
 from shared.cli.options import asking
 from shared.physics.errors import InputError
 
@@ -92,6 +92,7 @@ def view(asked: ViewOptions) -> None:
     The frame is the one that `datafactory render` makes of the same arguments.
     """
     from datafactory.api import viewing
+    from shared.cli.progress import bars
 
     console = plain_console()
     with bars(console, transient=True) as advance:

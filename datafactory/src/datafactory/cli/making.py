@@ -19,7 +19,7 @@ from datafactory.api.options import (
     RunOptions,
     TraceOptions,
 )
-from shared.cli.console import bars, plain_console
+from shared.cli.console import plain_console
 from shared.cli.options import asking
 from shared.physics.errors import InputError
 
@@ -94,6 +94,7 @@ def merge(asked: MergeOptions, verbose: Verbose = False) -> None:
 def convert(asked: ConvertOptions) -> None:
     """Write a dataset in another layout, and say what has no place in it."""
     from datafactory.api.making import convert as made
+    from shared.cli.progress import bars
 
     console = plain_console()
     with bars(console, transient=True) as advance:
@@ -139,6 +140,7 @@ def _run(make: Callable[..., Report], verbose: bool) -> Report:
     :param verbose: also what was counted
     """
     from datafactory.inspection.dataset import told
+    from shared.cli.progress import bars
 
     console = plain_console()
     with bars(console) as advance:

@@ -124,12 +124,12 @@ def declared(group: Callable[..., Options]) -> list[Declared]:
     """The options of a group; the heading of each is that of the group that has it first."""
     assert isinstance(group, type)
     found = []
+    headings = {name: vars(one)["heading"] for one in group.__mro__ for name in inspect.get_annotations(one)}
     for name, parameter in inspect.signature(group).parameters.items():
-        owners = (one for one in reversed(group.__mro__) if name in inspect.get_annotations(one))
         kind, (option,) = parameter.annotation.__origin__, parameter.annotation.__metadata__
         kind = kind.__forward_arg__ if isinstance(kind, ForwardRef) else kind
         flag = option.place or name if option.flag is None else option.flag or f"--{name.replace('_', '-')}"
-        found.append(Declared(name, flag, kind, parameter.default, vars(next(owners))["heading"], option))
+        found.append(Declared(name, flag, kind, parameter.default, headings[name], option))
     return found
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from shared.cli.console import bars, plain_console
+from shared.cli.console import plain_console
 from shared.cli.options import asking
 from trainer.evaluation.options import EvaluateOptions
 
@@ -11,6 +11,7 @@ from trainer.evaluation.options import EvaluateOptions
 def evaluate(asked: EvaluateOptions) -> None:
     """Hold runs and classical estimators against each other: metrics, figures, and a page to look at."""
     # torch and matplotlib take seconds to import, and trainer --help should not.
+    from shared.cli.progress import bars
     from shared.radar import validated
     from trainer.evaluation.evaluate import evaluate as run_evaluate
     from trainer.evaluation.experiments.bench import EvaluationConfig
