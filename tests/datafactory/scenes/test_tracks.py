@@ -20,6 +20,7 @@ from datafactory.scenes.drives import (
     LATERAL_MPS2,
     Drives,
     draw_drive,
+    lasting_mps,
     parse_drives,
     ride,
 )
@@ -254,6 +255,37 @@ def test_uphill_the_sensor_looks_up_with_the_road() -> None:
     rise = 0.1 * math.cos(math.radians(pose.yaw_deg))
     assert boresight[2] == pytest.approx(rise / math.hypot(1.0, rise), abs=1e-3)
     assert abs(rise) > 0.05
+
+
+def test_a_lane_that_is_short_is_driven_as_fast_as_it_lasts() -> None:
+    """10 m/s for 2 s and v^2 / (2 a) to stop in."""
+    assert lasting_mps(20.0 + 100.0 / 6.0, 2.0) == pytest.approx(10.0)
+    lane = Lane(np.stack([np.arange(0.0, 37.0, 0.5), np.zeros(74)], axis=1))
+    _, speed = ride(lane, lasting_mps(lane.length_m, 2.0)).at(np.arange(0.0, 2.0, 0.1))
+    np.testing.assert_allclose(speed, lasting_mps(lane.length_m, 2.0), rtol=1e-9)
+
+
+def test_drives_go_as_fast_as_asked_but_for_bends_and_stops(street: Ground) -> None:
+    drives = [
+        draw_drive(street, Movers(TOWN), "train", Drives(speed_mps=9.0), np.random.default_rng(seed))
+        for seed in range(10)
+    ]
+    first, last = (np.array([np.linalg.norm(poses[at].velocity) for poses in drives]) for at in (0, -1))
+    assert np.count_nonzero(np.isclose(first, 9.0, atol=0.05)) >= 8
+    assert np.count_nonzero(np.isclose(last, 9.0, atol=0.05)) >= 5  # three of ten stop on their way
+
+
+def test_most_drives_keep_to_the_roads(street: Ground) -> None:
+    """The half of the town that is called a road, of a region that is all of it."""
+    x = street.origin[0] + (np.indices(street.free.shape)[0] + 0.5) * street.cell_m
+    whole = replace(street, region=np.zeros_like(street.region))
+
+    def west(ground: Ground) -> int:
+        rngs = map(np.random.default_rng, range(20))
+        drives = [draw_drive(ground, Movers(TOWN), "train", Drives(speed_mps=4.0), rng) for rng in rngs]
+        return sum(poses[0].position[0] < 0.0 for poses in drives)
+
+    assert west(whole) < 16 <= west(replace(whole, road=street.free & (x < 0.0)))
 
 
 def test_a_drive_at_no_speed_stands(street: Ground) -> None:

@@ -2,10 +2,10 @@
 
 A drive keeps to a lane (:mod:`datafactory.scenes.lanes`) of one split's region. Its speed is the largest that keeps
 
-- the drawn cruising speed,
+- the drawn cruising speed, or that at which a shorter lane lasts as long as the drive, and a way to stop in,
 - a lateral acceleration v^2 |curvature| of at most 3 m/s^2,
 - an acceleration along the lane of at most 3 m/s^2, by one pass forwards and one backwards over v^2 = v0^2 + 2 a s,
-- and comes to rest at a drawn stop, and at the lane's end.
+- and comes to rest at a drawn stop, and at the lane's end, behind the last pose.
 
 The acceleration is constant between two points of the lane, so way and speed at any time follow in closed form. The
 sensor looks along the lane; its velocity is the derivative of its place.
@@ -22,7 +22,7 @@ from datafactory.scenes.boxes import Movers
 from datafactory.scenes.ground import CLEARANCE_M, Ground
 from datafactory.scenes.lanes import STEP_M, Lane, draw_lane, smoothed
 from datafactory.scenes.motion import Real
-from datafactory.scenes.poses import SENSOR_HEIGHT_M, Pose, Speeds, view_from
+from datafactory.scenes.poses import ROAD_PREFERENCE, SENSOR_HEIGHT_M, Pose, Speeds, view_from
 from datafactory.scenes.tracks import MOST_FRAMES, pose_of, require_rate
 from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError
@@ -38,6 +38,8 @@ STOP_SHARE = 0.3
 STANDING_S = (0.5, 1.5)
 DEFAULT_SECONDS = 2.0
 DEFAULT_RATE_HZ = 10.0
+SPARE_M = 3.0
+"""Of a lane beyond the way that cruising and stopping take."""
 ROUGH_M = 2.0
 """Standard deviation of the mean that smooths the ground's height along the lane: kerbs are driven over, not jumped."""
 LATEST_START_S = 10.0
@@ -153,6 +155,11 @@ def ride(lane: Lane, cruise_mps: float, stop: int | None = None, standing_s: flo
     return Ride(lane, speed, passed, pauses)
 
 
+def lasting_mps(length_m: float, seconds: float) -> float:
+    """Speed v [m/s] of a drive that cruises for so long and stops at its lane's end: v T + v^2 / (2 a) = length."""
+    return ACCELERATION_MPS2 * (math.sqrt(seconds**2 + 2.0 * length_m / ACCELERATION_MPS2) - seconds)
+
+
 def poses_along(lane: Lane, ground: Ground, time_s: Real, way_m: Real, speed_mps: Real) -> tuple[Pose, ...]:
     """The sensor's poses at times [k], way [k] down a lane: 0.5 m above the ground and looking along it."""
     height = ground.heights_at(*lane.points.T) + SENSOR_HEIGHT_M
@@ -177,8 +184,9 @@ def draw_drive(
     """Draw one drive in a split's region.
 
     It keeps 1.5 m from everything that moves. Where anything does, it begins at a drawn time, 0 to 10 s, so that the
-    same street is met with other traffic. Of 12 drawn ones the first is taken that has room to go as far as it would,
-    looks along its street at something, and at nothing on another split's side; else the best, in this order.
+    same street is met with other traffic. It keeps to the roads, where they have the room, with probability 0.8. Of 12
+    drawn ones the first is taken that has room to go as far as it would, looks along its street at something, and at
+    nothing on another split's side; else the best, in this order.
 
     :param movers: of the ground's scene
     :param speeds: ends of the cruising speed, where ``asked`` states none
@@ -188,10 +196,14 @@ def draw_drive(
     after_s = np.arange(asked.frames) / asked.rate_hz
     latest_s = min(LATEST_START_S, max(0.0, movers.rests_from_s - asked.seconds)) if movers else 0.0
     best: tuple[tuple[float, ...], tuple[Pose, ...]] | None = None
-    lanes = 0
+    lanes, roads = 0, region & ground.road
     for _ in range(DRAWN):
         cruise = float(rng.uniform(*speeds)) if asked.speed_mps is None else asked.speed_mps
-        lane = draw_lane(ground, cruise * asked.seconds + ACCELERATION_MPS2, rng, region)
+        lane, far = None, cruise * asked.seconds + cruise**2 / (2.0 * ACCELERATION_MPS2) + SPARE_M
+        if roads.any() and rng.random() < ROAD_PREFERENCE:
+            lane = draw_lane(ground, far, rng, roads)
+        if lane is None or lane.length_m < far:
+            lane = draw_lane(ground, far, rng, region)
         stops, place, stands = rng.random() < STOP_SHARE, rng.uniform(0.2, 0.8), rng.uniform(*STANDING_S)
         begins_s = round(rng.uniform(0.0, latest_s), 3)
         if lane is None:
@@ -199,9 +211,9 @@ def draw_drive(
         lanes += 1
         way, speed = np.zeros_like(after_s), np.zeros_like(after_s)
         if cruise > 0.0:
-            reached = min(lane.length_m, cruise * asked.seconds)
-            stop = min(max(2, int(place * reached / STEP_M)), len(lane.points) - 3) if stops else None
-            way, speed = ride(lane, cruise, stop, stands).at(after_s)
+            lasting = min(cruise, lasting_mps(lane.length_m, asked.seconds))
+            stop = min(max(2, int(place * lasting * asked.seconds / STEP_M)), len(lane.points) - 3) if stops else None
+            way, speed = ride(lane, lasting, stop, stands).at(after_s)
         poses = poses_along(lane, ground, begins_s + after_s, way, speed)
         if not movers.clear_of(poses, CLEARANCE_M):
             continue

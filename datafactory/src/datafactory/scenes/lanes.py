@@ -66,8 +66,13 @@ class Lane:
 
     @cached_property
     def curvature(self) -> Real:
-        """[n] rate of turn, positive to the left [rad/m]."""
-        return np.gradient(self.heading_rad, self.distance_m)
+        """[n] rate of turn, positive to the left [rad/m], of the cubic spline through the points, which is driven."""
+        from scipy.interpolate import CubicSpline  # where needed: it takes a fifth of a second
+
+        course = CubicSpline(self.distance_m, self.points)
+        (x, y), (turning_x, turning_y) = course(self.distance_m, 1).T, course(self.distance_m, 2).T
+        bend: Real = (x * turning_y - y * turning_x) / np.hypot(x, y) ** 3
+        return bend
 
 
 def draw_lane(ground: Ground, length_m: float, rng: np.random.Generator, allowed: Mask | None = None) -> Lane | None:
