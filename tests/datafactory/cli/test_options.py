@@ -4,6 +4,7 @@ import inspect
 import re
 from typing import Annotated
 
+import numpy as np
 import pytest
 import typer
 from typer.testing import CliRunner
@@ -13,6 +14,7 @@ from datafactory.api.making import render
 from datafactory.api.options import OrderOptions, RenderOptions, RunOptions, TraceOptions
 from datafactory.cli.app import app
 from datafactory.cli.making import next_step, typed
+from datafactory.scenes.poses import Pose
 from shared.cli.options import asking
 from shared.physics.errors import InputError
 from shared.processes.declared import HEADINGS, Option, Options, common, declared, taking
@@ -83,6 +85,25 @@ def test_a_value_is_refused_wherever_it_is_made(given: dict[str, object], messag
         assert str(caught.value) == message
     with pytest.raises(TypeError, match=r"^got an unexpected keyword argument 'counts'"):
         drawn(counts=3)  # type: ignore[call-arg]
+
+
+def test_numbers_of_numpy_are_python_s_own() -> None:
+    """They stand in the manifest."""
+    made = drawn(count=np.int64(3), width=np.float32(0.25))  # type: ignore[arg-type]
+    assert made == Drawing(count=3, width=0.25)
+    assert [type(made.count), type(made.width)] == [int, float]
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"poses": [Pose((0.0, 0.0, 0.5))], "frames": 5}, "--frames: beside --poses, which has a frame a pose"),
+        ({"trajectory": [[Pose((0.0, 0.0, 0.5))]], "frames": 5}, "--frames: beside --trajectory FILE, which has"),
+    ],
+)
+def test_frames_are_as_many_as_poses(given: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        order_of(OrderOptions("tiny.usda", **given))  # type: ignore[arg-type]
 
 
 def test_a_command_hands_on_what_was_stated_and_its_own_defaults() -> None:

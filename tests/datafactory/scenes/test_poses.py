@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -83,6 +84,25 @@ def gap_to_box(x, y, item):
     """Horizontal distance [m] from a point to an upright box, 0 inside it."""
     lower, upper = item.vertices.min(axis=0), item.vertices.max(axis=0)
     return math.hypot(max(lower[0] - x, 0.0, x - upper[0]), max(lower[1] - y, 0.0, y - upper[1]))
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"position": (0.0, 0.0, np.nan)}, r"Pose: position = \(0\.0, 0\.0, nan\); expected three finite numbers"),
+        ({"position": (0.0, 0.0)}, "Pose: position = .*; expected three finite numbers"),
+        ({"position": (0.0, 0.0, 1.0), "yaw_deg": np.inf}, "Pose: yaw_deg = inf; expected a finite number"),
+    ],
+)
+def test_a_pose_is_finite(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Pose(**given)
+
+
+def test_a_pose_holds_plain_numbers() -> None:
+    pose = Pose(np.array([1, 2, 3]), velocity=np.zeros(3, dtype=np.float32))  # type: ignore[arg-type]
+    assert pose == Pose((1.0, 2.0, 3.0))
+    assert json.dumps(pose.position) == "[1.0, 2.0, 3.0]"
 
 
 def free_centres(ground):

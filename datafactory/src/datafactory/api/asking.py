@@ -232,6 +232,11 @@ def order_of(asked: OrderOptions, synthesis: bool = True) -> Order:
     if asked.trajectory is not None and asked.poses is not None:
         raise InputError("--trajectory", "beside --poses", "one of them")
     tracks, drives = trajectory_of(asked.trajectory, asked.frame_rate)
+    for other, stated in (("--poses", poses), ("--trajectory FILE", tracks)):
+        if stated and asked.frames:
+            raise InputError("--frames", f"beside {other}, which has a frame a pose", "one of them")
+    if targets and asked.points:
+        raise InputError("--points", "beside targets, which are those of each frame", "one of them")
     drawn = DEFAULT_FRAMES if asked.frames is None else asked.frames
     frames = 0 if poses or tracks else drawn
     of_scenes = bool(poses or tracks or frames)
@@ -249,7 +254,7 @@ def order_of(asked: OrderOptions, synthesis: bool = True) -> Order:
         traced=folder,
         stored=rows,
         frames=frames,
-        points=0 if targets else asked.points,
+        points=asked.points,
         seed=asked.seed,
         split=asked.split or (folder and folder.arguments.split) or DEFAULT_PATTERN,
         poses=poses,

@@ -250,7 +250,8 @@ class TraceOptions(TellingOptions, RunOptions, EffectOptions, SamplingOptions, S
 
 
 class PointsOptions(RunOptions, OutputOptions, SignalOptions, DealOptions, RadarOptions):
-    frames: Annotated[int, Option("Frames of randomly drawn close targets.", least=1, first=True)] = DEFAULT_FRAMES
+    frames: Annotated[int | None, Option(
+        "Frames of randomly drawn close targets.", least=1, usual=DEFAULT_FRAMES, first=True)] = None
     targets: Annotated["TargetsLike", TARGETS] = ()
 
 

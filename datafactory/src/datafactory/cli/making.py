@@ -19,6 +19,7 @@ from datafactory.api.options import (
     RunOptions,
     TraceOptions,
 )
+from datafactory.defaults import DEFAULT_FRAMES
 from shared.cli.console import plain_console
 from shared.cli.options import asking
 from shared.physics.errors import InputError
@@ -61,7 +62,10 @@ def points(asked: PointsOptions, verbose: Verbose = False) -> None:
     """Render close-target frames, the paper's synthetic set, or exactly the targets of a file."""
     from datafactory.api import making
 
-    given = {**vars(asked), "scenes": None, "frames": 0, "points": asked.frames}
+    if asked.targets and asked.frames is not None:
+        raise InputError("--frames", "beside --targets, which has a list a frame", "one of them")
+    drawn = 0 if asked.targets else DEFAULT_FRAMES if asked.frames is None else asked.frames
+    given = {**vars(asked), "scenes": None, "frames": 0, "points": drawn}
     _run(partial(making.render, **given), verbose)
     next_step(asked, f"look:  datafactory inspect {typed(asked.out)}")
 

@@ -87,7 +87,7 @@ class PointTargets:
         amplitude = target_amplitudes(radar, self.position, self.rcs_dbsm, self.phase_rad)
         scattered = ScatteredPaths.of_points(self.position, self.velocity, amplitude)
         beyond = int((scattered.range_m() >= radar.waveform.unambiguous_range_m).sum())
-        return PathTable(scattered=scattered, counts={"traced": len(scattered), "folded_beyond_range": beyond})
+        return PathTable(scattered=scattered, counts={"close_targets": len(scattered), "folded_beyond_range": beyond})
 
     def truth(self, radar: Radar) -> tuple[Target, ...]:
         """What stands in the ``targets`` column: geometry at mid-frame, strongest first."""

@@ -80,6 +80,7 @@ MEANINGS = {
     "frames_empty": "frames whose truth is empty: nothing in them is above the noise",
     "rays": "rays sent",
     "traced": "paths that the solver found: mirrors one after another",
+    "close_targets": "targets of close-target frames",
     "scattered_once": "echoes that a rough surface scattered once, at their last bounce",
     "scattered_twice": "echoes that rough surfaces scattered twice and more",
     "truncated": "frames in which the solver's room for paths was used up, so that paths may be missing",

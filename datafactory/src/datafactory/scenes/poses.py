@@ -76,6 +76,18 @@ class Pose:
     velocity: Vector = (0.0, 0.0, 0.0)
     time_s: float = 0.0
 
+    def __post_init__(self) -> None:
+        """:raises InputError: a number that is not finite, a place or a velocity of other than three"""
+        for name in ("position", "velocity"):
+            values = tuple(map(float, getattr(self, name)))
+            if len(values) != 3 or not all(map(math.isfinite, values)):
+                raise InputError("Pose", f"{name} = {values}", "three finite numbers")
+            object.__setattr__(self, name, values)
+        for name in ("yaw_deg", "pitch_deg", "roll_deg", "time_s"):
+            if not math.isfinite(value := float(getattr(self, name))):
+                raise InputError("Pose", f"{name} = {value}", "a finite number")
+            object.__setattr__(self, name, value)
+
     def _rotation(self) -> Rotation:
         return Rotation.from_euler("ZYX", [self.yaw_deg, self.pitch_deg, self.roll_deg], degrees=True)
 

@@ -88,8 +88,11 @@ class Declared(NamedTuple):
     heading: str
     option: Option
 
-    def check(self, value: Any) -> None:
-        """:raises InputError: none of the choices, a value of another type than a plain one, or out of bounds"""
+    def checked(self, value: Any) -> Any:
+        """The value, a number of another library as Python's own.
+
+        :raises InputError: none of the choices, a value of another type than a plain one, or out of bounds
+        """
         choices, bounds = self.option.choices, self.option.bounds
         if choices and value is not None and value not in choices:
             raise InputError(self.flag, repr(value), f"one of {', '.join(choices)}{meant(str(value), choices)}")
@@ -99,6 +102,9 @@ class Declared(NamedTuple):
             raise InputError(self.flag, repr(value), ", ".join(filter(None, (plain, bounds))))
         if bounds and value is not None and not self.option.least <= value <= self.option.most:
             raise InputError(self.flag, repr(value), bounds)
+        if int in kinds or float in kinds:
+            return int(value) if isinstance(value, Integral) else value if value is None else float(value)
+        return value
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(field,))
@@ -115,9 +121,9 @@ class Options:
         dataclass(frozen=True, kw_only=True)(cls)
 
     def __post_init__(self) -> None:
-        """:raises InputError: see :meth:`Declared.check`"""
+        """:raises InputError: see :meth:`Declared.checked`"""
         for item in declared(type(self)):
-            item.check(getattr(self, item.name))
+            vars(self)[item.name] = item.checked(getattr(self, item.name))
 
 
 def declared(group: Callable[..., Options]) -> list[Declared]:
