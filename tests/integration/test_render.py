@@ -5,7 +5,10 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import threading
+from contextlib import suppress
 from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -200,6 +203,32 @@ def test_one_job_works_in_a_folder(radar_file, tmp_path):
     with claimed(out, resume=False), pytest.raises(InputError, match="another process is at work"):
         rendered(out, radar_file, "--frames", 1)
     assert not out.exists()
+
+
+def test_threads_of_a_process_take_turns_and_make_what_each_makes_alone(radar_file, tmp_path):
+    """They moved each other's scenes: frames were wrong, without a word."""
+    meeting, reports = threading.Barrier(2), []
+
+    def make(seed: int, out: Path, together: bool) -> None:
+        def told(*_: object) -> None:
+            reports.append(seed)
+            if together and reports.count(seed) == 1:
+                with suppress(threading.BrokenBarrierError):  # the other one waits for its turn
+                    meeting.wait(1.0)
+
+        render(TINY, out, radar=radar_file, frames=2, rays=200, workers=1, seed=seed, progress=told)
+
+    for seed in (1, 2):
+        make(seed, tmp_path / f"alone {seed}", together=False)
+    reports.clear()
+    threads = [threading.Thread(target=make, args=(seed, tmp_path / f"at once {seed}", True)) for seed in (1, 2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [seed for seed, _ in groupby(reports)] in ([1, 2], [2, 1])
+    for seed in (1, 2):
+        assert shards(tmp_path / f"at once {seed}") == shards(tmp_path / f"alone {seed}")
 
 
 SCRIPT = """

@@ -13,6 +13,7 @@ from datafactory.accuracy.budget import check, settle
 from datafactory.accuracy.knobs import Menu, menu_for
 from datafactory.api.asking import materials_of, order_of
 from datafactory.api.options import ConvertOptions, MergeOptions, OrderOptions, RenderOptions, TraceOptions
+from datafactory.api.turns import in_turn
 from datafactory.defaults import AUTO_DEVICE, CPU, CUDA, LOCAL, Progress
 from datafactory.run import merging, pipeline
 from datafactory.run.pipeline import Execution, Report
@@ -44,8 +45,11 @@ class Converted:
 
 
 @taking(RenderOptions)
+@in_turn
 def render(asked: RenderOptions) -> Report:
     """Render frames of scenes, and close-target frames beside them, into a dataset, as ``datafactory render`` does.
+
+    Threads of a process take turns: a call begins once no other thread is in ``render``, ``trace`` or ``plan``.
 
     >>> report = render("scenes/tiny.usda", "build/two", frames=2)  # doctest: +SKIP
 
@@ -63,6 +67,7 @@ def render(asked: RenderOptions) -> Report:
 
 
 @taking(TraceOptions)
+@in_turn
 def trace(asked: TraceOptions) -> Report:
     """Trace multipath into ``out/paths``, for ``render(None, ..., paths=out)`` with any radar.
 

@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from datafactory.api.asking import materials_of, order_of
 from datafactory.api.options import OrderOptions, PlanOptions
+from datafactory.api.turns import in_turn
 from datafactory.effects.plan import EffectPlan, FramePlan, plan_of_frame, plan_of_scene
 from datafactory.effects.proof import Proof, costs, prove
 from datafactory.frame.chain import SceneSource
@@ -64,6 +65,7 @@ class ScenePlan(Told):
 
 
 @taking(PlanOptions)
+@in_turn
 def plan(asked: PlanOptions) -> tuple[ScenePlan, ...]:
     """Say which effects the frames of ``render`` with the same arguments decide for, and why.
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from datafactory.api.asking import materials_of, order_of, scenes_of
 from datafactory.api.options import OrderOptions, SceneOptions, ViewOptions
+from datafactory.api.turns import in_turn
 from datafactory.frame.chain import SceneSource, StoredSource, narrowed
 from datafactory.paths.backend import set_threads
 from datafactory.run.preparation import prepare, prepared_scene
@@ -21,6 +22,7 @@ PAGE_SUFFIX = ".html"
 
 
 @taking(ViewOptions)
+@in_turn
 def view(asked: ViewOptions) -> tuple[Path, ...]:
     """Write a page that shows a scene, its sensor and the strongest paths of a frame in three dimensions.
 
