@@ -11,7 +11,7 @@ from small_dataset import PEAKS, RADAR, make_frame
 from datafactory.frame.deal import split_of
 from datafactory.run import progress
 from datafactory.run.shards import ShardPlan, plan_shards, write_shard
-from shared.dataset import arrow_schema, description
+from shared.dataset import VERSION, arrow_schema, description
 from shared.dataset.reading import read_frames
 from shared.physics.errors import InputError
 
@@ -84,6 +84,24 @@ def test_a_shard_counts_as_finished_where_it_and_its_note_are_as_they_were_writt
     assert progress.completed(tmp_path, [whole], "another").shards == {}
     longer = ShardPlan("train", 0, (0, 1, 2, 3))
     assert progress.completed(tmp_path, [longer], "made so").damaged == (whole.path,)
+
+
+def test_a_finished_dataset_is_complete_where_its_shards_are_as_the_manifest_says(tmp_path):
+    """To say so of a lost shard would send whoever trains on the rest."""
+    begun(tmp_path)
+    records = [write_shard(tmp_path / f"train/part-0000{i}.parquet", [make_frame(i)], SCHEMA) for i in range(3)]
+    manifest = {"arguments": {}, "shards": [record.model_dump() for record in records]}
+    progress.finish(tmp_path, {"version": VERSION, **manifest})
+    begun(tmp_path, resume=True)
+    flipped = bytearray((tmp_path / records[1].path).read_bytes())
+    flipped[100] ^= 1
+    (tmp_path / records[1].path).write_bytes(flipped)
+    said = r"--resume: .* was finished; missing or not as manifest\.json says: train/part-00001\.parquet; expected"
+    with pytest.raises(InputError, match=said):
+        begun(tmp_path, resume=True)
+    (tmp_path / records[0].path).unlink()
+    with pytest.raises(InputError, match=r"says: train/part-00000\.parquet, and 1 more; expected"):
+        begun(tmp_path, resume=True)
 
 
 def test_a_folder_with_something_in_it_is_left_alone(tmp_path):

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
@@ -24,10 +24,13 @@ from shared.dataset.claims import claimed as hold
 from shared.dataset.documents import read_json, sealed, unsealed
 from shared.dataset.folder import MANIFEST, ShardRecord, read_manifest
 from shared.dataset.locations import Location, file_names, file_size
-from shared.dataset.manifest import write_manifest
+from shared.dataset.manifest import shard_records, write_manifest
 from shared.dataset.stores import objects_under
 from shared.dataset.writing import is_as_recorded, remove_folder, remove_partial, scratch, write_json, write_text
 from shared.physics.errors import InputError
+
+Item = TypeVar("Item")
+Value = TypeVar("Value")
 
 FOLDER = ".progress"
 ARGUMENTS = "arguments.json"
@@ -88,11 +91,14 @@ def begin(directory: Location, arguments: Mapping[str, Any], resume: bool) -> bo
         ``arguments`` must be the same mapping
     :param resume: take up an unfinished run in this folder
     :returns: True if an earlier run with these arguments has already finished the dataset
-    :raises InputError: with ``resume`` a folder that holds something else, or a run with other arguments
+    :raises InputError: with ``resume`` a folder that holds something else, or a run with other arguments; a finished
+        dataset whose shards are not as its manifest says: what each had counted is not kept
     """
     progress = directory / FOLDER
     if file_size(directory / MANIFEST) is not None:
-        _same_arguments(directory / MANIFEST, directory, read_manifest(directory).get("arguments"), arguments)
+        manifest = read_manifest(directory)
+        _same_arguments(directory / MANIFEST, directory, manifest.get("arguments"), arguments)
+        _require_shards(directory, shard_records(directory / MANIFEST, manifest))
         return True
     if file_size(progress / ARGUMENTS) is not None:
         before = read_json(progress / ARGUMENTS, "an unfinished run; start again in a new folder")
@@ -138,10 +144,25 @@ def completed(directory: Location, plans: Iterable[ShardPlan], fingerprint: str)
     """The shards of ``plans`` that an earlier run finished, each checked by its size and SHA-256."""
     noted = set(file_names(directory / FOLDER))
     there = [plan for plan in plans if _note(directory, plan).name in noted]
-    with ThreadPoolExecutor(1 if isinstance(directory, Path) else ASKED_AT_A_TIME) as pool:
-        found = list(pool.map(lambda plan: _finished(directory, plan, fingerprint), there))
+    found = _of_each(lambda plan: _finished(directory, plan, fingerprint), there, directory)
     shards = {plan: finished for plan, finished in zip(there, found, strict=True) if finished is not None}
     return Progress(shards, tuple(plan.path for plan in there if plan not in shards))
+
+
+def _of_each(function: Callable[[Item], Value], items: Sequence[Item], directory: Location) -> list[Value]:
+    """What a function says of each shard of a folder."""
+    with ThreadPoolExecutor(1 if isinstance(directory, Path) else ASKED_AT_A_TIME) as pool:
+        return list(pool.map(function, items))
+
+
+def _require_shards(directory: Location, records: Sequence[ShardRecord]) -> None:
+    """:raises InputError: shards of a finished dataset that are not as recorded, see :func:`is_as_recorded`"""
+    whole = _of_each(lambda item: is_as_recorded(directory / item.path, item.bytes, item.sha256), records, directory)
+    damaged = [record.path for record, right in zip(records, whole, strict=True) if not right]
+    if damaged:
+        more = f", and {len(damaged) - 1} more" if damaged[1:] else ""
+        problem = f"{directory} was finished; missing or not as {MANIFEST} says: {damaged[0]}{more}"
+        raise InputError("--resume", problem, "shards as they were written, or the run in a new folder")
 
 
 def _finished(directory: Location, plan: ShardPlan, fingerprint: str) -> FinishedShard | None:
