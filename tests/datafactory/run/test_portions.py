@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from multiprocessing import current_process
 from pathlib import Path
 
 import pytest
@@ -10,10 +11,11 @@ from factory_command import but_made, shards
 
 from datafactory import Report, RunFailed, render
 from datafactory.frame.deal import split_of
-from datafactory.run import pipeline, portions
+from datafactory.run import memory, pipeline, portions
 from datafactory.run.portions import Engine, Rows
 from datafactory.run.progress import FOLDER, handed_over
 from datafactory.run.shards import MOST_FRAMES, PATHS, Portion, plan_shards, portions_of
+from shared.physics.errors import InputError
 from shared.processes.pool import Finished, ThisProcess
 
 FRAMES = 21
@@ -106,6 +108,18 @@ def test_a_deadly_portion_is_named_and_only_its_shard_is_owed(
     assert made(out, radar_file, resume=True).shards_kept == len(there)
     made(tmp_path / "whole", radar_file)
     require_same(out, tmp_path / "whole")
+
+
+def test_a_daemonic_process_makes_frames_by_itself(
+    radar_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A worker of ``multiprocessing.Pool`` may start no processes: loky's failed an assertion without a word."""
+    monkeypatch.setitem(vars(current_process())["_config"], "daemon", True)
+    monkeypatch.setattr(memory, "usable_cores", lambda: 2)
+    with pytest.raises(InputError, match=r"^--workers: more than 1 in a daemonic process .*; expected 1, which 0 is"):
+        made(tmp_path / "out", radar_file, workers=2)
+    assert not (tmp_path / "out").exists()
+    assert made(tmp_path / "out", radar_file, workers=0).frames == FRAMES
 
 
 def test_rows_of_a_run_that_was_killed_are_gone(tmp_path: Path) -> None:

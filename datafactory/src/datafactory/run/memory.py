@@ -25,7 +25,7 @@ from datafactory.run.shards import FRAMES_PER_SHARD, MOST_FRAMES
 from shared.dataset import description, row_bytes
 from shared.dataset.locations import Location, RemotePath
 from shared.physics.errors import InputError
-from shared.processes.machine import usable_cores, usable_memory
+from shared.processes.machine import may_start_processes, usable_cores, usable_memory
 from shared.radar import Radar
 
 BASE_BYTES = 500e6
@@ -136,8 +136,9 @@ def workers_for(load: Load, asked: int, announce: Announce = lambda line: None) 
 
 
 def processes(workers: int, device: str = CPU) -> int:
-    """``workers``, or for 0 the cores that this process may use; with CUDA one, for a run has one GPU."""
-    return workers or (1 if device == CUDA else usable_cores())
+    """``workers``, or for 0 the cores that this process may use; with CUDA one, for a run has one GPU, and one where
+    this process may start no others."""
+    return workers or (1 if device == CUDA or not may_start_processes() else usable_cores())
 
 
 def processes_ahead(workers: int, device: str) -> int:

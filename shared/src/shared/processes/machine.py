@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from multiprocessing import current_process
 from pathlib import Path, PurePosixPath
 
 MOUNTED = Path("/sys/fs/cgroup")
@@ -25,6 +26,11 @@ KEPT = 2**30
 def usable_cores() -> int:
     """Cores that this process may run on."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def may_start_processes() -> bool:
+    """Whether this process may have worker processes: a daemonic one, say of ``multiprocessing.Pool``, may not."""
+    return not current_process().daemon
 
 
 def usable_memory() -> int:

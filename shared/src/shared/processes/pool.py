@@ -29,6 +29,9 @@ from typing import Any, Generic, Protocol, TypeVar
 from loky import ProcessPoolExecutor, process_executor
 from loky.process_executor import BrokenProcessPool
 
+from shared.physics.errors import InputError
+from shared.processes.machine import may_start_processes
+
 AHEAD = 2
 """Tasks handed to each worker: one at work, one to go on with."""
 PARENT_CHECK_S = 0.5
@@ -163,6 +166,13 @@ class ThisProcess(Pool[Item, Result]):
             yield Finished(item, self._work(item))
 
 
+def require_processes() -> None:
+    """:raises InputError: in a daemonic process, which ends without a thought for those that it started"""
+    if not may_start_processes():
+        where = "a daemonic process (of multiprocessing.Pool, say), which may start no others"
+        raise InputError("--workers", f"more than 1 in {where}", "1, which 0 is there")
+
+
 class Processes:
     """Processes to be, which may be started before it is known what they will work on. A context that ends those that
     no pool took.
@@ -182,7 +192,12 @@ class Processes:
             executor.shutdown(wait=True, kill_workers=True)
 
     def start(self, count: int) -> None:
-        """Start so many; all get ready side by side."""
+        """Start so many; all get ready side by side.
+
+        :raises InputError: any, where this process may start none
+        """
+        if count:
+            require_processes()
         for _ in range(count):
             with without_interrupts():
                 executor = ProcessPoolExecutor(1, initializer=_begin, initargs=(self._ready, os.getpid()))
@@ -213,6 +228,7 @@ class WorkerPool(Pool[Item, Result]):
         self._files = 0
 
     def __enter__(self) -> WorkerPool[Item, Result]:
+        require_processes()
         shutil.rmtree(self._folder, ignore_errors=True)  # of a run that was killed
         self._folder.mkdir(parents=True, mode=0o700)
         (self._folder / WORK).write_bytes(pickle.dumps(self._work))

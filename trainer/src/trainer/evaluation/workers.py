@@ -20,7 +20,7 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from shared.physics.errors import InputError
-from shared.processes.machine import usable_cores
+from shared.processes.machine import may_start_processes, usable_cores
 from shared.processes.pool import WorkerPool
 from trainer.errors import TrainingStopped
 from trainer.evaluation.experiments.bench import Bench, Experiment, Task
@@ -62,7 +62,7 @@ class Workers:
     """Computes cells; a context, which ends its processes when it is left, whatever for.
 
     :param bench: what the cells are of; handed over as the first cell is asked for
-    :param count: processes; 1 computes here, 0 takes one for each core
+    :param count: processes; 1 computes here, 0 takes one for each core, or 1 where this process may start no others
     :param folder: for the files that are handed over; it is made, and removed at the end
     :raises InputError: a negative count
     """
@@ -70,7 +70,7 @@ class Workers:
     def __init__(self, bench: Bench, count: int, folder: Path) -> None:
         if count < 0:
             raise InputError("--workers", repr(count), "0 (one a core) or more")
-        self.count = count or usable_cores()
+        self.count = count or (usable_cores() if may_start_processes() else 1)
         self.bench = bench
         self._folder = folder
         self._pool: WorkerPool[Item, Values] | None = None
