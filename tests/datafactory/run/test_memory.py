@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import platform
 import subprocess
 import sys
@@ -9,17 +10,21 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from factory_command import run
 from prepared_scenes import SCENES
 
+from datafactory import load_radar, render
 from datafactory.api.asking import order_of
 from datafactory.api.forecasting import forecast
 from datafactory.api.options import OrderOptions
 from datafactory.frame.chain import ChainSettings
+from datafactory.frame.deal import split_of
 from datafactory.frame.measurement import Processing
 from datafactory.paths.solver import TraceSettings
 from datafactory.run import memory
 from datafactory.run.memory import Load, most_workers, workers_for
 from datafactory.run.preparation import prepare
+from datafactory.run.shards import ArrayJob, plan_shards
 from datafactory.scenes.materials.table import load_materials
 from shared.physics.errors import InputError
 from shared.radar import Radar
@@ -107,6 +112,60 @@ def test_a_dry_run_says_it_of_the_scene_and_the_workers_that_fit(tmp_path: Path)
     assert found.memory == expected
     assert expected in found.lines()
     assert forecast(recipe, tmp_path, 0).workers >= 1
+
+
+SMALL = "[waveform]\nchirps = 8\nsamples = 128\nrange_bins = 100\n"
+ONE_CHANNEL = "[array]\ntx_m = [[0, 0, 0]]\nrx_m = [[0, 0, 0]]\n"
+CONVERTER = "[front_end.converter]\nbits = 12\nfull_scale_dbm = 0\n"
+Lists = list[list[dict[str, float]]]
+NOTHING: Lists = [[]] * 8
+ONE_STANDING: Lists = [[{"x": 1.0, "y": 0.0, "rcs_dbsm": 60.0}]] * 8
+
+
+@pytest.mark.parametrize(
+    ("toml", "targets", "noise"),
+    [
+        (SMALL, NOTHING, True),
+        (SMALL, NOTHING, False),
+        (SMALL + ONE_CHANNEL, ONE_STANDING, True),
+        (SMALL.replace("chirps = 8", "chirps = 1"), NOTHING, True),
+        (SMALL + CONVERTER, NOTHING, True),
+    ],
+    ids=["noise alone", "nothing", "one target", "one chirp", "noise below a converter's step"],
+)
+def test_frames_take_the_least_that_a_run_is_refused_for(
+    toml: str, targets: Lists, noise: bool, tmp_path: Path
+) -> None:
+    (tmp_path / "radar.toml").write_text(toml)
+    (tmp_path / "targets.json").write_text(json.dumps(targets))
+    for store in ("range-doppler", "cube"):
+        out, radar = tmp_path / store, load_radar(str(tmp_path / "radar.toml"))
+        render(None, out, radar=radar, frames=0, targets=tmp_path / "targets.json", split="1:0:0", store=store,
+               noise=noise, workers=1)  # fmt: skip
+        (shard,) = out.glob("train/*.parquet")
+        least = 8 * memory.least_bytes(radar, Processing(noise=noise, store=store))
+        assert least <= shard.stat().st_size
+
+
+def test_a_run_is_refused_where_even_its_noise_does_not_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By --dry-run too, which says where the forecast does not fit; what a killed run left there is room for it."""
+    (tmp_path / "radar.toml").write_text(SMALL)
+    scene, out = str(SCENES / "tiny.usda"), tmp_path / "out"
+    asked = ("render", scene, "--radar", tmp_path / "radar.toml", "--rays", 200, "--frames", 640, "--out", out)
+    monkeypatch.setattr(memory, "free_bytes", lambda directory: 10_000_000)
+    said = r"number of frames: 640 frames need at least \d+ MB; .*out has 10 MB free; expected at most \d+, or another"
+    for more in (("--dry-run",), ("--workers", 1)):
+        with pytest.raises(InputError, match=said):
+            run(*asked, *more)
+        assert not out.exists()
+    (out / ".progress").mkdir(parents=True)
+    (out / ".progress" / "rows").write_bytes(bytes(40_000_000))
+    assert "free: the disk will probably be full before the run is done" in run(*asked, "--dry-run")
+    monkeypatch.setattr(memory, "free_bytes", lambda directory: 10_000_000_000)
+    assert "probably" not in run(*asked, "--dry-run")
+    job = ArrayJob(3, 16)
+    plans = job.own(plan_shards([split_of(index) for index in range(640)]))
+    assert 0 < job.least_frames(640) <= sum(len(plan.frame_ids) for plan in plans)
 
 
 FAULTS_OF_THE_LAST_ARRAYS = """

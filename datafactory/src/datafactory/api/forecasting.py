@@ -17,9 +17,10 @@ from datafactory.run.memory import (
     STREETS,
     amount,
     frame_bytes,
-    free_bytes,
     most_workers,
     processes,
+    require_room,
+    room,
     statement,
 )
 from datafactory.run.preparation import Recipe
@@ -38,7 +39,7 @@ class Forecast:
     """What a run will take.
 
     :param frames: by split; :param shards: their number
-    :param bytes: on the disk, of which ``free_bytes`` are free; None in an object store
+    :param bytes: on the disk, where there is ``room`` for so many; None in an object store
     :param memory: of all processes together, and how much may be used
     :param seconds: wall-clock
     :param workers: no more than there are frames, cores and memory for
@@ -48,7 +49,7 @@ class Forecast:
     frames: dict[str, int]
     shards: int
     bytes: float
-    free_bytes: float | None
+    room: float | None
     memory: str
     seconds: float
     workers: int
@@ -59,8 +60,10 @@ class Forecast:
         split = ", ".join(f"{name} {count}" for name, count in self.frames.items())
         rates = "rates of another machine" if self.device == CPU else "rates of a CPU, for none of a GPU were measured"
         where = "in the store"
-        if self.free_bytes is not None:
-            where = f"on the disk, where {amount(self.free_bytes)} are free"
+        if self.room is not None:
+            where = f"on the disk, where {amount(self.room)} are free"
+            if self.bytes > self.room:
+                where += ": the disk will probably be full before the run is done"
         return [
             f"{sum(self.frames.values())} frames ({split}) in {self.shards} shards",
             f"about {amount(self.bytes)} {where}",
@@ -74,7 +77,7 @@ def forecast(recipe: Recipe, directory: Location, workers: int, shard: str | Non
 
     :param workers: 0 for as many as there are cores and memory for
     :param shard: of :func:`datafactory.render`: what this job will take
-    :raises InputError: what a run would refuse of its scenes, poses and split
+    :raises InputError: what a run would refuse of its scenes, poses and split; frames that cannot fit on the disk
     """
     job, plans = recipe.job, recipe.plans
     deal, radar, settings, load, limit = job.deal, job.radar, job.settings, job.load, usable_memory()
@@ -87,10 +90,12 @@ def forecast(recipe: Recipe, directory: Location, workers: int, shard: str | Non
     of_points = receiving + work(knobs, 0.0, radar) - tracing  # a few targets are no work
     of_scene = receiving + work(knobs, PATHS_A_RAY * knobs.rays, radar) - (tracing if deal.stored else 0.0)
     if shard is not None:
-        plans = parse_job(shard).own(plans)
+        array_job = parse_job(shard)
+        plans, directory = array_job.own(plans), directory / array_job.folder
     frames = Counter[str]()
     for plan in plans:
         frames[plan.split] += len(plan.frame_ids)
+    require_room(directory, frames.total(), radar, job.of_scenes.processing)
     scene_frames = sum(frame_id < deal.scene_frames for plan in plans for frame_id in plan.frame_ids)
     point_frames = frames.total() - scene_frames
     workers = min(workers or min(processes(0, settings.device), max(1, most_workers(load, limit))), frames.total())
@@ -98,7 +103,7 @@ def forecast(recipe: Recipe, directory: Location, workers: int, shard: str | Non
         frames=dict(frames),
         shards=len(plans),
         bytes=frame_bytes(radar, settings.processing) * (STREETS * scene_frames + CLOSE_TARGETS * point_frames),
-        free_bytes=None if isinstance(directory, RemotePath) else free_bytes(directory),
+        room=None if isinstance(directory, RemotePath) else room(directory),
         memory=statement(load, workers, limit),
         seconds=(scene_frames * of_scene + point_frames * of_points) / workers,
         workers=workers,

@@ -5,7 +5,6 @@ whole, then the manifest. What makes one frame stands in :mod:`datafactory.frame
 
 from __future__ import annotations
 
-import math
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -167,8 +166,8 @@ def render(order: Order, table: MaterialTable, execution: Execution) -> Report:
     ahead = execution.engine.ahead(count, device if order.scenes else None)
     with claimed(execution.directory, execution.resume), ahead:
         if not order.paths_alone:
-            jobs = execution.job.of if execution.job else 1
-            require_room(execution.directory, math.ceil(len(order) / jobs), order.radar, order.settings.processing)
+            frames = execution.job.least_frames(len(order)) if execution.job else len(order)
+            require_room(execution.directory, frames, order.radar, order.of_scenes.processing)
         recipe = prepare(order, table, execution.announce)
         _require_makeable(recipe.job.deal, order.radar)
         load = recipe.job.load

@@ -243,6 +243,10 @@ class ArrayJob:
             raise InputError(OPTION, f"{self.of} jobs for {len(plans)} shards", f"at most {len(plans)} jobs")
         return tuple(plans[self.number :: self.of])
 
+    def least_frames(self, frames: int) -> int:
+        """Its frames of so many, before they are planned: of its shards one a split may not be full."""
+        return FRAMES_PER_SHARD * max(frames // (FRAMES_PER_SHARD * self.of) - len(SPLITS), 0)
+
 
 def parse_job(text: str) -> ArrayJob:
     """Job ``i/n``.
