@@ -193,3 +193,27 @@ def test_what_numba_inlines_is_called_once_and_neither_it_nor_its_caller_has_fla
         callers = [outer for outer, inner in calls(every) if inner is kernel]
         assert len(callers) == 1, name(kernel)
         assert [one.targetoptions["fastmath"] for one in (kernel, *callers)] == [False, False], name(kernel)
+
+
+PRODUCTS = """
+import re
+import numpy as np
+from shared.physics.compiled import compiled
+
+def product(a, b):
+    return a * b
+
+for options in ({"fastmath": {"contract", "reassoc"}}, {}):
+    kernel = compiled(cache=False, **options)(product)
+    kernel(np.complex64(1j), np.complex64(2.0))
+    (code,) = kernel.inspect_llvm().values()
+    print(len(re.findall(r"fmul (?:reassoc|contract)", code)), len(re.findall(r"fmul float", code)))
+"""
+
+
+def test_a_kernel_rounds_complex_products_as_its_own_flags_say_whichever_was_compiled_before() -> None:
+    done = subprocess.run([sys.executable, "-c", PRODUCTS], capture_output=True, text=True, check=True)
+    (fast, _), (none, plain) = (map(int, line.split()) for line in done.stdout.splitlines())
+    assert fast > 0
+    assert none == 0
+    assert plain > 0

@@ -19,7 +19,11 @@ installation, which compiles, from all later ones. An inlined function has no ca
 Functions without such flags may call each other, which compiles faster where they are long or called at many places.
 
 numba lets a function without flags of its own take over those of the caller that is compiled first. Both decorators
-rule that out by giving all of them. ``tests/shared/physics/test_compiled.py`` holds the sources to the rule,
+rule that out by giving all of them. The parts of its own that it compiles once a process, as the product of complex
+numbers, take over fast-math flags likewise: whether a Cholesky factor was rounded as written depended on which kernel
+the process had compiled before. Here each set of flags has parts of its own.
+
+``tests/shared/physics/test_compiled.py`` holds the sources to the rule,
 ``tests/datafactory/synthesis/test_kept_machine_code.py`` the results.
 """
 
@@ -28,15 +32,34 @@ from __future__ import annotations
 import hashlib
 import inspect
 from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 from types import FunctionType
 from typing import Any
 
 import numba
+from numba.core.cpu import CPUContext
 from numba.core.dispatcher import Dispatcher
 
 _OWN = {"error_model": "python", "fastmath": False, "forceinline": False}
 """What numba would take over from the first caller: its own defaults."""
+
+
+_PARTS: dict[frozenset[str], dict[Any, Any]] = {}
+"""numba's own compiled parts, by fast-math flags."""
+
+
+def _keep_parts_apart(compile_part: Callable[..., Any]) -> Callable[..., Any]:
+    @wraps(compile_part)
+    def compiled_part(self: CPUContext, *arguments: Any, **named: Any) -> Any:
+        # A function that is being compiled has a context of its own, with its flags.
+        self.cached_internal_func = _PARTS.setdefault(frozenset(getattr(self.fastmath, "flags", ())), {})
+        return compile_part(self, *arguments, **named)
+
+    return compiled_part
+
+
+CPUContext.compile_subroutine = _keep_parts_apart(CPUContext.compile_subroutine)
 
 
 def compiled(cache: bool = True, **options: Any) -> Callable[[Callable[..., Any]], Any]:
