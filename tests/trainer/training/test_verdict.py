@@ -16,7 +16,7 @@ from trainer.metrics.bootstrap import Interval
 from trainer.metrics.cells import CellScores, truth_cells
 from trainer.metrics.ranking import pooled
 from trainer.run.answers import array_answer
-from trainer.run.folder import Run, load_imager, save_weights, write_run
+from trainer.run.folder import METRICS, Run, load_imager, read_validations, save_weights, write_run
 from trainer.run.imager import Imager
 from trainer.training import verdict as module
 from trainer.training.fit import fit
@@ -32,6 +32,8 @@ def make_run(directory, gain=1.0, radar=RADAR, array=FULL, **changes):
     directory.mkdir()
     write_run(directory, Run(config=config, radar=radar, array=array, datasets=()))
     save_weights(directory, Imager(config, radar, array), gain)
+    # Its second validation was the better one.
+    (directory / METRICS).write_text("step,validation_loss,validation_gain\n0,0.2,\n4,0.1,\n")
     return directory
 
 
@@ -164,7 +166,7 @@ def test_a_class_probability_has_no_amplitude_and_is_read_by_delay_and_sum(tmp_p
         assert found.nmse.keys() == {"das", *VIEWS}
         assert not found.nmse_over
         assert found.average_precision["network"] == pytest.approx(expected)
-        assert found.average_precision.keys() == {"network", "das", *VIEWS, "truth"}
+        assert found.average_precision.keys() == {"network", "untrained", "das", *VIEWS, "truth"}
         monkeypatch.undo()
 
 
@@ -174,7 +176,7 @@ def test_a_radar_that_ends_before_the_first_truth_cell_has_no_average_precision(
     assert found.average_precision == {}
     lines = found.table().splitlines()
     assert "average precision" in lines[0]
-    assert [line.split()[-1] for line in lines[1:]] == ["-"] * (2 + len(VIEWS))
+    assert [line.split()[-1] for line in lines[1:]] == ["-"] * (3 + len(VIEWS))
     assert len({len(line) for line in lines[1:]}) == 1
 
 
@@ -210,6 +212,40 @@ def test_the_run_it_began_with_is_scored_as_by_itself_and_the_differences_are_pa
     assert found.sentence().endswith("over the network it started from.")
 
 
+def fit_of(data, out, rate):
+    """The verdict that a fit from random weights ends with."""
+    config = TINY.model_copy(update={"learning_rate": rate})
+    fit(FitRequest([data], out, config=config, array="full", start=None), str)
+    return json.loads((out / VERDICT).read_text())
+
+
+def test_random_weights_are_scored_as_they_were_before_the_first_step(tmp_path):
+    """Not the untrained view: the network's further iterations and its detections are there without training."""
+    data = strong_dataset(tmp_path / "data", training=8, tested=6)
+    untrained = fit_of(data, tmp_path / "run", 1e-15)
+    assert [one.step for one in read_validations(tmp_path / "run")] == [0, 2, 4]
+    assert untrained["step"] == 0
+    for scores in (untrained["nmse"], untrained["average_precision"]):
+        assert scores["untrained"] == scores["network"] != scores["iaa-view"]
+    trained = fit_of(data, tmp_path / "other", 3e-3)
+    assert trained["step"] == 4
+    assert trained["nmse"]["untrained"] == untrained["nmse"]["network"]
+    assert trained["nmse"]["network"] != untrained["nmse"]["network"]
+
+
+def test_a_run_that_no_step_improved_says_so(tmp_path):
+    data, run = strong_dataset(tmp_path / "data", tested=6), make_run(tmp_path / "run")
+    assert "no step improved" not in verdict_of(run, [data]).sentence()
+    (run / METRICS).write_text("step,validation_loss,validation_gain\n0,0.2,\n2,0.3,\n4,0.2,\n")
+    said = (
+        "Training did not help: no step had a lower validation loss than the weights before training, which are kept."
+    )
+    assert verdict_of(run, [data]).sentence() == said
+    further = judge(run, [data], str, start=make_run(tmp_path / "start"))
+    assert further is not None
+    assert further.sentence() == said
+
+
 def test_all_channels_are_asked_for_what_the_networks_channels_can_see(tmp_path):
     data, run = strong_dataset(tmp_path / "data", tested=2), make_run(tmp_path / "run", array=THIN)
     found = verdict_of(run, [data])
@@ -235,15 +271,17 @@ BETTER, WORSE, NEITHER = Interval(0.1, 0.05, 0.2), Interval(-0.1, -0.2, -0.05), 
         (NEITHER, NEITHER, "These frames do not show that training helped: "),
     ],
 )
-@pytest.mark.parametrize("start", ["start", "iaa-view"])
+@pytest.mark.parametrize("start", ["start", "untrained"])
 def test_the_sentence_follows_from_both_intervals_to_what_it_began_with(precision, error, said, start):
     scores = dict.fromkeys(("das", "iaa-view", start, "network"), 0.5)
     # Better than another method does not count.
-    errors, precisions = ({"das": better, start: one} for better, one in ((WORSE, error), (BETTER, precision)))
-    sentence = Verdict(6, 0, 1.0, scores, scores, errors, precisions).sentence()
+    errors, precisions = (
+        {"das": better, "iaa-view": better, start: one} for better, one in ((WORSE, error), (BETTER, precision))
+    )
+    sentence = Verdict(6, 0, 1.0, scores, scores, errors, precisions, 4).sentence()
     assert sentence.startswith(said)
     assert sentence.endswith(f"over the {NAMES[start]}.")
-    few = Verdict(5, 0, 1.0, scores, scores, errors, precisions)
+    few = Verdict(5, 0, 1.0, scores, scores, errors, precisions, 4)
     figures = f"average precision {precision.value:+.3f}, NMSE {error.value:+.3f}"
     assert (
         few.sentence() == f"Whether training helped cannot be said of so few frames: {figures} over the {NAMES[start]}."

@@ -12,6 +12,7 @@ It is held for one command, from before that reads any data until it ends, as th
 
 from __future__ import annotations
 
+import csv
 import errno
 import hashlib
 import math
@@ -21,7 +22,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from pydantic import BaseModel, ValidationError
@@ -105,6 +106,8 @@ RUN_FILE = "run.json"
 WEIGHTS = "weights.safetensors"
 CHECKPOINT = "last.ckpt"
 METRICS = "metrics.csv"
+LOSS, VALIDATION_GAIN = "validation_loss", "validation_gain"
+METRICS_COLUMNS = ("step", "train_loss", LOSS, "validation_nmse", VALIDATION_GAIN, "das_nmse")
 GAIN = "gain"
 """The one entry of the weights' metadata: what images are multiplied by, and the SHA-256 of that and of the weights. Of
 two entries safetensors writes now this one, now that one first, and equal weights would differ."""
@@ -213,6 +216,38 @@ def read_run(directory: Path) -> Run:
     if found != RUN_VERSION:
         raise InputError(path, f"version = {found!r}", f"run version {RUN_VERSION}")
     return validated(Run, unsealed(path, document), path)
+
+
+class Validation(NamedTuple):
+    """A line of ``metrics.csv``.
+
+    :param step: optimiser steps before it
+    :param loss: the run keeps the weights of the first that has the least
+    :param gain: of the linear image; 1 where that has no amplitudes
+    """
+
+    step: int
+    loss: float
+    gain: float
+
+
+def read_validations(directory: Path) -> list[Validation]:
+    """All of a run, the first of them before the first step.
+
+    :raises InputError: none there, a line that is cut short
+    """
+    path = directory / METRICS
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            found = [
+                Validation(int(row["step"]), float(row[LOSS]), float(row[VALIDATION_GAIN] or 1.0))
+                for row in csv.DictReader(file)
+            ]
+    except (OSError, ValueError, TypeError, KeyError, csv.Error) as error:
+        raise InputError(path, f"not readable: {error}", "the validations of a run") from error
+    if not found:
+        raise InputError(path, "no validation", "the validations of a run")
+    return found
 
 
 def save_weights(directory: Path, imager: Imager, gain: float = 1.0) -> None:

@@ -19,7 +19,7 @@ from lightning.pytorch.loggers import Logger, MLFlowLogger, TensorBoardLogger, W
 from shared.dataset.writing import atomic
 from shared.physics.errors import InputError
 from trainer.defaults import OTHERS, TENSORBOARD
-from trainer.run.folder import CHECKPOINT, METRICS, save_weights
+from trainer.run.folder import CHECKPOINT, LOSS, METRICS, METRICS_COLUMNS, VALIDATION_GAIN, save_weights
 from trainer.run.pictures import panel
 from trainer.training.task import Batch, ImagingTask
 
@@ -45,10 +45,8 @@ def make_logger(name: str, out: Path) -> Logger | bool:
     return TensorBoardLogger(out, name="", version=TENSORBOARD) if name == TENSORBOARD else False
 
 
-LOSS = "validation_loss"
 RESTORED = {"state_dict", "optimizer_states", "lr_schedulers", "loops", "callbacks"}
 """Parts of a checkpoint."""
-COLUMNS = ("step", "train_loss", LOSS, "validation_nmse", "validation_gain", "das_nmse")
 
 
 class RunKeeper(Callback):
@@ -100,15 +98,15 @@ class RunKeeper(Callback):
         row: dict[str, Any] = {"step": trainer.global_step, **values}
         first = trainer.sanity_checking  # also of a run that was killed before its first checkpoint
         with (self.directory / METRICS).open("w" if first else "a", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, COLUMNS)
+            writer = csv.DictWriter(file, METRICS_COLUMNS)
             if first:
                 writer.writeheader()
-            writer.writerow({name: row.get(name, "") for name in COLUMNS})
-        shown = "  ".join(f"{name} {row[name]:.4g}" for name in COLUMNS[1:] if name in row)
+            writer.writerow({name: row.get(name, "") for name in METRICS_COLUMNS})
+        shown = "  ".join(f"{name} {row[name]:.4g}" for name in METRICS_COLUMNS[1:] if name in row)
         self.announce(f"step {trainer.global_step}  {shown}{'  (best)' if improved else ''}")
         if improved:
             assert isinstance(pl_module, ImagingTask)
-            save_weights(self.directory, pl_module.imager, values.get("validation_gain", 1.0))
+            save_weights(self.directory, pl_module.imager, values.get(VALIDATION_GAIN, 1.0))
 
 
 def require_checkpoint(path: Path) -> None:

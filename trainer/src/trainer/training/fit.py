@@ -23,6 +23,7 @@ from trainer.errors import TrainingStopped, out_of_memory
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import (
     CHECKPOINT,
+    LOSS,
     RUN_FILE,
     WEIGHTS,
     Run,
@@ -34,7 +35,6 @@ from trainer.run.folder import (
 )
 from trainer.run.imager import precision_remark
 from trainer.training.callbacks import (
-    LOSS,
     Interrupts,
     PictureLogger,
     RunKeeper,

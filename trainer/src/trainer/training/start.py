@@ -16,7 +16,7 @@ from shared.radar import Radar, read_toml, validated
 from trainer.data.arrays import ArrayChoice
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import Run, load_imager, read_run
-from trainer.run.imager import Imager, has_bfloat16
+from trainer.run.imager import Imager, has_bfloat16, lay_out
 from trainer.run.pretrained import pretrained_names, pretrained_run
 
 Changes = Mapping[str, object]
@@ -112,6 +112,14 @@ def _misfit(run: Run, config: FitConfig, radar: Radar) -> str:
     if theirs.shape != own.shape or np.abs(theirs - own).max() > SAME_PLACES:
         return "another virtual sensor"
     return ""
+
+
+def new_imager(config: FitConfig, radar: Radar, array: ArrayChoice) -> Imager:
+    """With the random weights that the configuration's seed stands for."""
+    torch.manual_seed(config.seed)
+    imager = Imager(config, radar, array)
+    lay_out(imager.network, torch.channels_last)
+    return imager
 
 
 def begin_with(imager: Imager, config: FitConfig, start: Path) -> float:

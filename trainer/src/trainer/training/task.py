@@ -20,11 +20,12 @@ from trainer.data.shards import BatchOrder
 from trainer.errors import TrainingStopped
 from trainer.metrics.image import nmse_best_scaled
 from trainer.run.configuration import FitConfig
-from trainer.run.imager import Imager, decode, encode, lay_out
+from trainer.run.imager import decode, encode
 from trainer.training.augmentation import AngularAugmentation, Draw, draw
 from trainer.training.imperfections import BoardErrors
 from trainer.training.losses import frame_losses, scene_spots
 from trainer.training.online_points import OnlinePoints
+from trainer.training.start import new_imager
 
 WARM_UP = 0.05
 """Share of the steps in which the learning rate rises."""
@@ -35,7 +36,7 @@ Batch = dict[str, torch.Tensor]
 
 
 class ImagingTask(LightningModule):
-    """Trains an :class:`Imager`. All randomness follows from seed and batch index.
+    """Trains an :class:`trainer.run.imager.Imager`. All randomness follows from seed and batch index.
 
     See :mod:`trainer.training.augmentation`.
     """
@@ -43,9 +44,7 @@ class ImagingTask(LightningModule):
     def __init__(self, config: FitConfig, radar: Radar, array: ArrayChoice) -> None:
         super().__init__()
         self.config = config
-        torch.manual_seed(config.seed)
-        self.imager = Imager(config, radar, array)
-        lay_out(self.imager.network, torch.channels_last)
+        self.imager = new_imager(config, radar, array)
         self._augment = AngularAugmentation(radar)
         self._radar = radar
         self._channels = len(self.imager.channels)

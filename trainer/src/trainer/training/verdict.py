@@ -37,10 +37,10 @@ from trainer.metrics.cells import CellScores, score_cells
 from trainer.metrics.image import nmse, nmse_best_scaled
 from trainer.metrics.ranking import average_precision, pooled
 from trainer.run.answers import Answer, array_answer, network_answer
-from trainer.run.folder import Run, load_imager, read_run, same_radar
+from trainer.run.folder import Run, Validation, load_imager, read_run, read_validations, same_radar
 from trainer.run.imager import AMPLITUDE, PROBABILITY, Imager
 from trainer.run.pictures import save_comparison
-from trainer.training.start import begin_with
+from trainer.training.start import begin_with, new_imager
 
 Image = NDArray[np.float32]
 
@@ -52,22 +52,29 @@ LEAST_FRAMES = 6
 """Of n frames all stand on one side of the median with probability 2^(1 - n): 6 % of five, more than a 95 % interval
 leaves."""
 UNTOLD = "Whether training helped cannot be said of so few frames"
+UNIMPROVED = (
+    "Training did not help: no step had a lower validation loss than the weights before training, which are kept"
+)
 SHOWN = 3
 """Frames in the picture: those with the most truth cells."""
 
-DAS, VIEW, START, NETWORK, EVERY, TRUTH = "das", "iaa-view", "start", "network", "full", "truth"
+DAS, VIEW, START, UNTRAINED, NETWORK, EVERY, TRUTH = (
+    "das", "iaa-view", "start", "untrained", "network", "full", "truth",
+)  # fmt: skip
 NAMES = {
     DAS: "delay and sum",
     VIEW: "untrained view",
     "likes-view": "untrained view, LIKES",
     START: "network it started from",
+    UNTRAINED: "network before training",
     NETWORK: "network",
     EVERY: "untrained view, all RX",
     TRUTH: "truth",
 }
-"""By the name of a method in ``verdict.json``, in the table's order. The recommended network is the untrained view
-before its first step, and that stands for what any network began with that did not begin with another run's weights.
+"""By the name of a method in ``verdict.json``, in the table's order. A network began as one of two: that of another
+run, or what its random weights make of it, which is near the untrained view and is not it.
 """
+BEGUN = (START, UNTRAINED)
 VIEWS = tuple(name for name in (VIEW, "likes-view") if name in ESTIMATORS)
 """Estimators of what the virtual sensor would see, the best last: that one is shown all channels."""
 
@@ -83,6 +90,7 @@ class Verdict:
     :param average_precision: empty if no frame has a truth cell
     :param nmse_over: the network's less that of another method; none of a single frame, which has no interval
     :param average_precision_over: the same
+    :param step: optimiser steps that the scored weights have seen
     """
 
     frames: int
@@ -92,6 +100,7 @@ class Verdict:
     average_precision: dict[str, float]
     nmse_over: dict[str, Interval]
     average_precision_over: dict[str, Interval]
+    step: int
 
     def table(self) -> str:
         """The scores as lines of text."""
@@ -113,7 +122,9 @@ class Verdict:
 
     def sentence(self) -> str:
         """Whether training helped, by the intervals of both differences to what it began with."""
-        begun = START if START in {*self.nmse, *self.average_precision} else VIEW
+        if self.step == 0:
+            return f"{UNIMPROVED}."
+        begun = START if START in {*self.nmse, *self.average_precision} else UNTRAINED
         told, signs = [], []
         for name, over, better in (("average precision", self.average_precision_over, 1), ("NMSE", self.nmse_over, -1)):
             if begun in over:
@@ -169,7 +180,8 @@ def judge(
     folders = [locate(directory) for directory in datasets]
     for folder in folders:
         same_radar(run.radar, str(run_directory), radar_of(open_dataset(folder).description(), folder), str(folder))
-    answers = _answers(run, imager, start)
+    validations = read_validations(run_directory)
+    answers = _answers(run, imager, start, validations[0])
     errors: list[dict[str, float]] = []
     cells: dict[str, list[CellScores]] = {name: [] for name in (*answers, TRUTH)}
     shown: list[_Scored] = []
@@ -195,6 +207,7 @@ def judge(
         average_precision={name: found.average_precision() for name, found in rankings.items()},
         nmse_over=_with_ends(of_frames),
         average_precision_over=_with_ends(of_rankings),
+        step=min(validations, key=lambda one: one.loss).step,
     )
     write_json(run_directory / VERDICT, asdict(verdict), sort_keys=False)
     rows = {
@@ -214,8 +227,11 @@ def _with_ends(intervals: Mapping[str, Interval]) -> dict[str, Interval]:
     return {name: one for name, one in intervals.items() if np.isfinite(one.low)}
 
 
-def _answers(run: Run, imager: Imager, start: Path | None) -> dict[str, Answer]:
-    """The methods, by their names in :data:`NAMES`."""
+def _answers(run: Run, imager: Imager, start: Path | None, first: Validation) -> dict[str, Answer]:
+    """The methods, by their names in :data:`NAMES`.
+
+    :param first: before the first step
+    """
     full = choose_array("full", run.radar)
     answers: dict[str, Answer] = {name: array_answer(name, run.array, run.radar) for name in (DAS, *VIEWS)}
     answers[NETWORK] = network_answer(run, imager)
@@ -225,6 +241,10 @@ def _answers(run: Run, imager: Imager, start: Path | None) -> dict[str, Answer]:
         begun = Imager(config, run.radar, run.array)
         begun.gain = begin_with(begun, config, start)
         answers[START] = network_answer(run, begun.eval())
+    else:
+        untrained = new_imager(run.config, run.radar, run.array)
+        untrained.gain = first.gain
+        answers[UNTRAINED] = network_answer(run, untrained.eval())
     if run.array.rx != full.rx:
         answers[EVERY] = array_answer(VIEWS[-1], full, run.radar)
     return answers
@@ -255,6 +275,6 @@ def _scored(name: str, answers: Mapping[str, Answer], frame: Mapping[str, NDArra
         scale = np.float32(peak or 1.0) if answer.unit == AMPLITUDE else np.float32(1.0)
         images[method] = image.astype(np.float32) / scale
         if truth.any() and answer.unit != PROBABILITY:
-            error = nmse if method in (NETWORK, START) else nmse_best_scaled
+            error = nmse if method in (NETWORK, *BEGUN) else nmse_best_scaled
             errors[method] = error(images[method], frame["image"])
     return _Scored(name, frame["image"], images, errors, cells)
