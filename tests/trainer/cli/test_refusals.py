@@ -91,7 +91,7 @@ FIT = [
     ("none --out {here}/file/out", "--out: {here}/file/out: Not a directory"),
     ("{data} --out {here}", "--out: {here} is not empty"),
     ("{data} --resume", "--array: sparse6 uses RX 15"),
-    ("{data} --array full --resume", "--resume: out holds no run"),
+    ("{data} --array full --out {here} --resume", "--resume: {here} holds no run"),
     ("{data} --array sparse5", "--array: no named array and no file 'sparse5'"),
     ("{data} --array {here}/rx9.toml", "--array: {here}/rx9.toml uses RX 9"),
     ("{data} --array {here}/falling.toml", "{here}/falling.toml: rx = [2, 0]; expected rising"),

@@ -70,6 +70,13 @@ def test_a_run_killed_while_it_validates_validates_again(dataset, ordinary, tmp_
     assert (tmp_path / "killed" / WEIGHTS).read_bytes() == (ordinary / WEIGHTS).read_bytes()
 
 
+def test_there_is_nothing_to_resume_in_a_new_folder(dataset, ordinary, tmp_path):
+    """A batch script says --resume always: it cannot know how far the job was that was put back."""
+    _, lines = run(dataset, tmp_path / "new", resume=True)
+    assert lines[0] == f"nothing to resume in {tmp_path / 'new'}: begins"
+    assert (tmp_path / "new" / WEIGHTS).read_bytes() == (ordinary / WEIGHTS).read_bytes()
+
+
 def test_a_run_killed_while_it_noted_itself_goes_on(dataset, tmp_path):
     out = tmp_path / "run"
     out.mkdir()

@@ -23,6 +23,7 @@ from trainer.errors import TrainingStopped, out_of_memory
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import (
     CHECKPOINT,
+    JOB,
     LOSS,
     RUN_FILE,
     WEIGHTS,
@@ -90,7 +91,7 @@ def fit(request: FitRequest, announce: Callable[[str], object] = print) -> Run:
         if start is not None:
             begin_with(task.imager, run.config, start)
         if first:
-            _prepare(out, run, request.resume)
+            _prepare(out, run, request.resume, announce)
         checkpoint = out / CHECKPOINT if request.resume and (out / CHECKPOINT).is_file() else None
         if checkpoint is not None:
             require_checkpoint(checkpoint)
@@ -188,15 +189,17 @@ def _trainer(config: FitConfig, curves: Logger | bool, callbacks: list[Callback]
     )
 
 
-def _prepare(out: Path, run: Run, resume: bool) -> None:
+def _prepare(out: Path, run: Run, resume: bool, announce: Callable[[str], object]) -> None:
     """Note the run, or check that the one in the folder is this one."""
-    noted = (out / RUN_FILE).is_file()
-    # A run that was killed while it wrote the first of its files has nothing yet to go on with.
-    if not resume or (not noted and (out / (RUN_FILE + PARTIAL)).exists()):
+    if resume and not (out / RUN_FILE).is_file():
+        # One that was killed before it had noted itself left nothing, or a piece of its first file.
+        if any(item.name not in (JOB, RUN_FILE + PARTIAL) for item in out.iterdir()):
+            raise InputError("--resume", f"{out} holds no run", "the folder of an earlier trainer fit, or a new one")
+        announce(f"nothing to resume in {out}: begins")
+        resume = False
+    if not resume:
         write_run(out, run)
         return
-    if not noted:
-        raise InputError("--resume", f"{out} holds no run", "the folder of an earlier trainer fit")
     before = read_run(out)
     for part in ("config", "radar", "array", "weights", "datasets", "start"):
         _same(out, part, getattr(before, part), getattr(run, part))
