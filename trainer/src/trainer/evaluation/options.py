@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
+from shared.physics.errors import InputError
 from shared.processes.declared import Option, Options, either
 from shared.processes.defaults import LARGEST_SEED
 from trainer.defaults import (
@@ -56,4 +57,11 @@ class EvaluateOptions(Options):
     workers: Annotated[int, Option(
         "Processes that compute; 0: one a core. The numbers do not depend on it.", least=0)] = 0
     resume: Annotated[bool, Option("Keep what is finished in --out.")] = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        of_row = {"--targets": self.targets, "--range": self.range_m, "--model-error": self.model_error}
+        for flag, value in of_row.items():
+            if value is not None and self.measured is None:
+                raise InputError(flag, f"{value:g} without --measured", "--measured beside it")
 # fmt: on
