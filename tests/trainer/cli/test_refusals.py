@@ -158,8 +158,10 @@ EVALUATE = [
     ("{data} --arrays full --methods das,cnn", "--methods: 'cnn' without a run of that kind"),
     ("{data} --arrays full --experiments fig8", "--experiments: 'fig8'; expected some of point-spread"),
     ("{data} --arrays full --experiments measured", "--experiments: measured: no --measured file"),
-    ("{data} --arrays sparse6", "--array: sparse6 uses RX 15; expected RX 0 to 5"),
-    ("{data} --arrays none.toml", "--array: no named array and no file 'none.toml'"),
+    ("{data}", "--arrays, by default sparse6,sparse4,full: sparse6 uses RX 15; expected RX 0 to 5, those of the "
+     "dataset's radar: 'full' has them all"),
+    ("{data} --arrays sparse6", "--arrays: sparse6 uses RX 15; expected RX 0 to 5"),
+    ("{data} --arrays none.toml", "--arrays: no named array and no file 'none.toml'; expected a TOML file or one of "),
     ("{data} --arrays full,full", "--arrays: 'full' twice"),
     ("{data} --arrays ,", "--arrays: none; expected some of"),
     ("{data} --arrays full --frames 0", "trainer evaluate: frames = 0; expected at least 1"),

@@ -13,6 +13,9 @@ from shared.physics.errors import InputError
 from shared.radar import Radar, read_toml, validated
 from shared.radar.arrays import AVR_QDM_110_THINNED_RX
 
+FULL = "full"
+"""The name of all elements of any radar."""
+
 
 class ArrayChoice(BaseModel, frozen=True, extra="forbid"):
     """A subset of a radar's RX elements, each with all TX.
@@ -36,27 +39,27 @@ class ArrayChoice(BaseModel, frozen=True, extra="forbid"):
         return radar.array.channel_indices(self.rx)
 
 
-def choose_array(name_or_path: str, radar: Radar) -> ArrayChoice:
+def choose_array(name_or_path: str, radar: Radar, option: str = "--array") -> ArrayChoice:
     """A named array of the radar, or a TOML file with one entry ``rx = [0, 1, ...]``.
 
+    :param option: that names it, for the message
     :raises InputError: an unknown name, an unreadable file, RX elements that the radar does not have
     """
     count = len(radar.array.rx_m)
-    if name_or_path == "full":
-        return ArrayChoice(name="full", rx=tuple(range(count)))
+    if name_or_path == FULL:
+        return ArrayChoice(name=FULL, rx=tuple(range(count)))
     if name_or_path in AVR_QDM_110_THINNED_RX:
         choice = ArrayChoice(name=name_or_path, rx=AVR_QDM_110_THINNED_RX[name_or_path])
     else:
-        choice = _from_file(Path(name_or_path))
+        choice = _from_file(Path(name_or_path), option)
     if choice.rx[-1] >= count:
-        raise InputError(
-            "--array", f"{name_or_path} uses RX {choice.rx[-1]}", f"RX 0 to {count - 1}, those of the dataset's radar"
-        )
+        expected = f"RX 0 to {count - 1}, those of the dataset's radar: {FULL!r} has them all"
+        raise InputError(option, f"{name_or_path} uses RX {choice.rx[-1]}", expected)
     return choice
 
 
-def _from_file(path: Path) -> ArrayChoice:
+def _from_file(path: Path, option: str) -> ArrayChoice:
     if not path.is_file():
-        known = ", ".join(AVR_QDM_110_THINNED_RX)
-        raise InputError("--array", f"no named array and no file {str(path)!r}", f"a TOML file or one of {known}")
+        known = ", ".join((FULL, *AVR_QDM_110_THINNED_RX))
+        raise InputError(option, f"no named array and no file {str(path)!r}", f"a TOML file or one of {known}")
     return validated(ArrayChoice, {"name": path.stem, **read_toml(path)}, path)

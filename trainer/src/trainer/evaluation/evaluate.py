@@ -168,7 +168,7 @@ def _prepared(
     arrays, remarks, radar = [], list[str](), row.radar or Radar()
     for name in asked:
         try:
-            arrays.append(choose_array(name, radar))
+            arrays.append(choose_array(name, radar, "--arrays"))
         except InputError as error:
             remarks.append(f"left out: {error}")
     networks, others = fitting_networks(row, config.runs)
@@ -183,7 +183,8 @@ def open_bench(source: Location | str, config: EvaluationConfig) -> tuple[Bench,
     radar = radar_of(dataset.description(), dataset.path / MANIFEST)
     if not config.arrays:
         raise InputError("--arrays", "none", f"some of {', '.join(DEFAULT_ARRAYS)}, or TOML files")
-    arrays = [choose_array(name, radar) for name in config.arrays]
+    option = f"--arrays, by default {','.join(DEFAULT_ARRAYS)}" if config.arrays == DEFAULT_ARRAYS else "--arrays"
+    arrays = [choose_array(name, radar, option) for name in config.arrays]
     names = [array.name for array in arrays]
     if twice := [name for index, name in enumerate(names) if name in names[:index]]:
         raise InputError("--arrays", f"{twice[0]!r} twice", "every array once, files of different names")
