@@ -109,11 +109,13 @@ FIT = [
 ]
 PREDICT = [
     ("none none", "none: no run.json"),
+    ("sparse6 none", "sparse6: no such folder; expected a run folder made by trainer fit, or --pretrained sparse6"),
     ("{run} none", "INPUT: none"),
     ("{run} {here}/array.npy", "--radar: not given"),
     ("{run} {traced}", "{traced}: holds traced paths and no frames"),
     ("{run} {traced} --split all", "{traced}: holds traced paths and no frames"),
-    ("{run} {untested}", "{untested}: no frames in split 'test'"),
+    ("{run} {untested}", "{untested}: no frames in split 'test'; expected --split train, validation or all"),
+    ("{run} {untested} --split foo", "{untested}: no frames in split 'foo'; expected --split train, validation or all"),
     ("{run} {other_data}", "{other_data}: radar 'tiny', array.rx_m = 5 positions"),
     ("none none --out {here}/file/out", "--out: {here}/file/out: Not a directory"),
     ("{run} {data} --out {here}", "--out: {here} is not empty"),
@@ -177,6 +179,7 @@ EVALUATE = [
     ("{untested} --arrays full", "{untested}: no frames in split 'test'; expected one of ['train', 'validation']"),
     ("{here} --arrays full", "{here}/manifest.json: no such file"),
     ("", "arguments: neither a dataset nor --measured; expected one of both, or both"),
+    ("none --run sparse4", "sparse4: no such folder; expected a run folder made by trainer fit, or --pre"),
     ("none --range 3", "--range: 3 without --measured; expected --measured beside it"),
     ("none --targets 2", "--targets: 2 without --measured"),
     ("none --model-error -20", "--model-error: -20 without --measured"),

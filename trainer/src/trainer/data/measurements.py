@@ -111,9 +111,10 @@ def open_measurements(
             raise InputError("--radar", f"{radar!r} beside a dataset", "no --radar: the dataset holds its own")
         dataset = open_dataset(source)
         chosen = SPLITS if split == "all" else (split,)
-        if split != "all":
-            dataset.shards(split)
         description = dataset.description()
+        if split != "all" and split not in dataset.splits:
+            expected = f"--split {', '.join(dataset.splits)} or all"
+            raise InputError(source, f"no frames in split {split!r}", expected)
         if cells == ALL and "cube" not in description["shapes"]:
             raise InputError(
                 "--cells", f"'all' of {source}, which holds no cubes", "'peaks', or a dataset made with --store cube"

@@ -14,7 +14,7 @@ from trainer.defaults import (
     NETWORKS,
     OF_MEASURED_ROWS,
 )
-from trainer.run.pretrained import pretrained_names
+from trainer.run.pretrained import pretrained_names, require_run
 
 
 def _names(text: str) -> tuple[str, ...]:
@@ -60,6 +60,8 @@ class EvaluateOptions(Options):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        for run in self.run:
+            require_run(run)
         of_row = {"--targets": self.targets, "--range": self.range_m, "--model-error": self.model_error}
         for flag, value in of_row.items():
             if value is not None and self.measured is None:

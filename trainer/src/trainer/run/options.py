@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from shared.physics.errors import InputError
 from shared.processes.declared import Option, Options, common, either
 from trainer.defaults import CELLS, ESTIMATOR_NAMES, FALSE_ALARMS, FORMATS, PEAKS
-from trainer.run.pretrained import pretrained_names, pretrained_run
+from trainer.run.pretrained import pretrained_names, pretrained_run, require_run
 
 if TYPE_CHECKING:
     from shared.dataset.locations import Location
@@ -95,6 +95,8 @@ class PredictRequest(PointsRequest, ImageOptions):
         if len(self.paths) != (1 if self.pretrained or self.method else 2):
             expected = "INPUT alone with --pretrained or --method, else RUN INPUT"
             raise InputError("arguments", f"{len(self.paths)} paths", expected)
+        if self.run is not None:
+            require_run(self.run)
         if self.points_format not in FORMATS:
             raise InputError("--points-format", repr(self.points_format), " or ".join(FORMATS))
         if self.points_format != "parquet" and not self.points:

@@ -23,3 +23,12 @@ def pretrained_run(name: str) -> Path:
     if name not in known:
         raise InputError("--pretrained", repr(name), f"one of {', '.join(known)}{meant(name, known)}")
     return FOLDER / name
+
+
+def require_run(path: Path) -> None:
+    """Refuse the name of a network in place of a run's folder, unless there is a folder of that name.
+
+    :raises InputError: with the option that takes the name
+    """
+    if str(path) in pretrained_names() and not path.is_dir():
+        raise InputError(path, "no such folder", f"a run folder made by trainer fit, or --pretrained {path}")
