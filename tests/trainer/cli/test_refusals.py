@@ -40,6 +40,7 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
     (made / "file").write_text("mine")
     (made / "there.onnx").write_text("mine")
     (made / "wrong.toml").write_text("steps = 0\n")
+    (made / "beta.toml").write_text("beta = 3.0\n")
     (made / "slip.toml").write_text("step = 5\n")
     (made / "broken.toml").write_text("steps =")
     (made / "rx9.toml").write_text("rx = [0, 9]")
@@ -83,6 +84,11 @@ FIT = [
     ("none --model spectral-unet --features paper", "trainer fit: document: target 'row' needs the scale"),
     ("none --model spectral-unet --features snapshots", "trainer fit: document: model 'unrolled' and features"),
     ("none --model doa-cnn", "trainer fit: document: model 'doa-cnn', features 'covariance' and target 'doa' belong"),
+    (
+        "none --hidden 7",
+        "trainer fit: hidden = 7 makes no difference with model 'unrolled'; expected no hidden, or model ",
+    ),
+    ("none --config {here}/beta.toml", "trainer fit with {here}/beta.toml: beta = 3.0 makes no difference with target"),
     ("none --recipe best", "--recipe: 'best'"),
     ("none --config {here}/wrong.toml", "trainer fit with {here}/wrong.toml: steps = 0"),
     ("none --config {here}/slip.toml", "{here}/slip.toml: unknown field 'step'"),

@@ -56,6 +56,25 @@ def test_what_is_stated_counts_before_a_configuration() -> None:
     assert configuration(config=FitConfig(width=8)).model_fields_set == {"width", "features"}
 
 
+def test_what_makes_no_difference_is_refused_and_not_where_it_does_or_is_the_default(tmp_path: Path) -> None:
+    every = tmp_path / "every.toml"
+    every.write_text("hidden = 384\nbeta = 10.0\nlearned = 2\nexponent = 0.5\n", encoding="utf-8")
+    assert configuration("recommended", {"hidden": None}, every) == FitConfig()
+    assert configuration("paper", {}, every).model == "attention-unet"
+    assert configuration(given={"model": "spectral-unet", "hidden": 7}).hidden == 7
+    for recipe, stated in (
+        ("recommended", {"hidden": 7}),
+        ("recommended", {"threshold_db": 20.0}),
+        ("recommended", {"model": "spectral-unet", "learned": 1}),
+        ("paper", {"iterations": 3}),
+        ("paper", {"linear": 0.1}),
+        ("doa", {"foreground": 0.0}),
+        ("doa", {"alpha": 0.1}),
+    ):
+        with pytest.raises(InputError, match="makes no difference with"):
+            configuration(recipe, stated)
+
+
 def test_loggers() -> None:
     assert make_logger("none", Path("out")) is False
     if find_spec("wandb") is None:

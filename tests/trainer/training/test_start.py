@@ -52,6 +52,13 @@ def test_any_array_begins_with_the_weights_of_the_nearest_number_of_channels(boa
     assert all(torch.equal(tensor, weights[key]) for key, tensor in imager.network.state_dict().items())
 
 
+def test_a_field_of_another_network_does_not_keep_weights_out():
+    other = FitConfig(hidden=7, threshold_db=20.0)
+    path, _ = shipped_start(other, BOARD, choose_array("sparse6", BOARD))
+    assert path == pretrained_run("sparse6")
+    begin_with(Imager(other, BOARD, choose_array("sparse6", BOARD)), other, path)
+
+
 @pytest.mark.parametrize(
     ("changes", "radar", "said"),
     [

@@ -95,6 +95,19 @@ Positive = Annotated[FiniteFloat, Field(gt=0)]
 
 FEATURES: dict[str, Features] = {"unrolled": "snapshots", "doa-cnn": "covariance"}
 """What a network sees where its configuration does not say; "adaptive" for the others."""
+USED_WITH: dict[str, tuple[str, tuple[str, ...]]] = {
+    "hidden": ("model", ("spectral-unet",)),
+    "learned": ("model", ("unrolled",)),
+    "detection": ("model", ("unrolled",)),
+    "iterations": ("features", ("snapshots", "adaptive")),
+    "exponent": ("features", ("snapshots", "adaptive")),
+    "beta": ("target", ("paper",)),
+    "threshold_db": ("target", ("class",)),
+    "linear": ("target", ("row",)),
+    "alpha": ("target", ("row", "paper")),
+    "foreground": ("target", ("row", "paper", "class")),
+}
+"""Fields that make a difference only where another field has one of these values."""
 
 
 class FitConfig(BaseModel, frozen=True, extra="forbid"):
@@ -167,6 +180,11 @@ class FitConfig(BaseModel, frozen=True, extra="forbid"):
     validate_every: Count = 200
     patience: Annotated[int, Field(ge=0, le=10**9)] = 0
     frames: Annotated[int, Field(ge=0, le=10**9)] = 0
+
+    def uses(self, name: str) -> bool:
+        """Whether a field makes a difference."""
+        other, values = USED_WITH.get(name, ("model", (self.model,)))
+        return getattr(self, other) in values
 
     @model_validator(mode="before")
     @classmethod

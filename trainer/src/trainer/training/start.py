@@ -14,7 +14,7 @@ import torch
 from shared.physics.errors import InputError, meant
 from shared.radar import Radar, read_toml, validated
 from trainer.data.arrays import ArrayChoice
-from trainer.run.configuration import FitConfig
+from trainer.run.configuration import USED_WITH, FitConfig
 from trainer.run.folder import Run, load_imager, read_run
 from trainer.run.imager import Imager, has_bfloat16, lay_out
 from trainer.run.pretrained import pretrained_names, pretrained_run
@@ -55,7 +55,8 @@ def configuration(
         recipe's before the device's. None stands for a field that is not stated.
     :param config: TOML file with fields of :class:`trainer.run.configuration.FitConfig`, by their names; or a
         configuration, in place of recipe and device
-    :raises InputError: an unknown recipe, a file that is no TOML, a field or value that no run has
+    :raises InputError: an unknown recipe, a file that is no TOML, a field or value that no run has, a field that makes
+        no difference to this network
     """
     if recipe not in RECIPES:
         *names, last = RECIPES
@@ -66,7 +67,15 @@ def configuration(
     from_file = {} if config is None else _fields_of(config)
     source = "trainer fit" if config is None else f"trainer fit with {config}"
     device = GPU if torch.cuda.is_available() else {"precision": "bf16" if has_bfloat16() else "32"}
-    return validated(FitConfig, {**device, **RECIPES[recipe], **from_file, **stated}, source)
+    found = validated(FitConfig, {**device, **RECIPES[recipe], **from_file, **stated}, source)
+    for name in {**from_file, **stated}:
+        value = getattr(found, name)
+        # A file with every field of a run asks for nothing where it has a field's default.
+        if not found.uses(name) and value != FitConfig.model_fields[name].default:
+            other, values = USED_WITH[name]
+            problem = f"{name} = {value!r} makes no difference with {other} {getattr(found, other)!r}"
+            raise InputError(source, problem, f"no {name}, or {other} {' or '.join(map(repr, values))}")
+    return found
 
 
 def _fields_of(path: Path) -> Changes:
@@ -104,7 +113,7 @@ def _misfit(run: Run, config: FitConfig, radar: Radar) -> str:
     """What of a shipped run is not as in this one; "" if its weights fit."""
     for name in (*NETWORK_FIELDS, "truth_window"):
         theirs, asked = getattr(run.config, name), getattr(config, name)
-        if theirs != asked:
+        if theirs != asked and config.uses(name):
             return f"{name} = {theirs!r}, not {asked!r}"
     if run.radar.grid != radar.grid:
         return "another angle grid"
@@ -129,7 +138,7 @@ def begin_with(imager: Imager, config: FitConfig, start: Path) -> float:
     """
     run, trained = load_imager(start)
     for name in NETWORK_FIELDS:
-        if getattr(run.config, name) != getattr(config, name):
+        if getattr(run.config, name) != getattr(config, name) and config.uses(name):
             raise InputError(
                 "--from", f"{start} has {name} = {getattr(run.config, name)!r}", f"{getattr(config, name)!r}"
             )
