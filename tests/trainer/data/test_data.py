@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -149,6 +150,19 @@ def test_an_array_chooses_the_channels(tmp_path: Path) -> None:
     whole, part = (RadarDataset(tmp_path / "data", array=array) for array in ("full", str(tmp_path / "mine.toml")))
     np.testing.assert_array_equal(part.channels, [0, 2, 5])
     torch.testing.assert_close(part[0].input, whole[0].input[..., [0, 2, 5]], rtol=0.0, atol=0.0)
+
+
+def test_an_array_that_is_no_name_and_an_index_that_is_no_number_are_told_in_a_line(tmp_path: Path) -> None:
+    folder = small_dataset(tmp_path / "data")
+    with pytest.raises(InputError, match=r"^array: \[0, 2\]; expected a name, or the path of a TOML file"):
+        RadarDataset(folder, array=[0, 2])  # type: ignore[arg-type]
+    data = RadarDataset(folder)
+    wrong: tuple[Any, ...] = (slice(0, 2), 1.0, "a", None)
+    for index in wrong:
+        with pytest.raises(InputError, match=r"^index: .*; expected a whole number; several frames are torch"):
+            data[index]
+    whole: tuple[Any, ...] = (np.int64(1), torch.tensor(1))
+    assert [data[index].metadata["frame_id"] for index in (*whole, -1)] == [1, 1, len(data) - 1]
 
 
 def test_boxes_are_there_for_who_asks(tmp_path: Path) -> None:

@@ -39,16 +39,20 @@ class ArrayChoice(BaseModel, frozen=True, extra="forbid"):
         return radar.array.channel_indices(self.rx)
 
 
-def choose_array(name_or_path: str, radar: Radar, option: str = "--array") -> ArrayChoice:
+def choose_array(name_or_path: str | Path, radar: Radar, option: str = "--array") -> ArrayChoice:
     """A named array of the radar, or a TOML file with one entry ``rx = [0, 1, ...]``.
 
     :param option: that names it, for the message
     :raises InputError: an unknown name, an unreadable file, RX elements that the radar does not have
     """
+    if not isinstance(name_or_path, str | Path):
+        raise InputError(
+            option, repr(name_or_path), "a name, or the path of a TOML file with an entry rx = [0, 1, ...]"
+        )
     count = len(radar.array.rx_m)
     if name_or_path == FULL:
         return ArrayChoice(name=FULL, rx=tuple(range(count)))
-    if name_or_path in AVR_QDM_110_THINNED_RX:
+    if isinstance(name_or_path, str) and name_or_path in AVR_QDM_110_THINNED_RX:
         choice = ArrayChoice(name=name_or_path, rx=AVR_QDM_110_THINNED_RX[name_or_path])
     else:
         choice = _from_file(Path(name_or_path), option)

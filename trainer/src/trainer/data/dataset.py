@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterator
 from html import escape
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +16,7 @@ from torch.utils.data import Dataset
 from shared.dataset.locations import Location, locate
 from shared.dataset.manifest import MANIFEST
 from shared.dataset.reading import box_of, radar_of
+from shared.physics.errors import InputError
 from trainer.data.arrays import choose_array
 from trainer.data.shards import BOXES, FACTS, ShardDataset
 
@@ -72,13 +75,13 @@ class RadarDataset(Dataset[Example]):
     """
 
     def __init__(
-        self, directory: Location | str, split: str = "train", array: str = "full", boxes: bool = False
+        self, directory: Location | str, split: str = "train", array: str | Path = "full", boxes: bool = False
     ) -> None:
         facts = (*FACTS, BOXES) if boxes else FACTS
         self._frames = ShardDataset(directory, split, ("range_channel", "image", "velocity"), facts=facts)
         self.radar = radar_of(self._frames.description, locate(directory) / MANIFEST)
         """The radar that the frames are of: waveform, array, front end, grid."""
-        self.array = choose_array(array, self.radar)
+        self.array = choose_array(array, self.radar, "array")
         """The RX elements in use."""
         self.channels: NDArray[np.intp] = self.array.channels(self.radar)
         """[C] of the radar's virtual channels, those in ``input``."""
@@ -105,10 +108,15 @@ class RadarDataset(Dataset[Example]):
     def __getitem__(self, index: int) -> Example:
         """Frame ``index`` of the split, in the order of the dataset.
 
-        :raises InputError: a shard that cannot be read, by its path
+        :raises InputError: a shard that cannot be read, by its path; an index that is no whole number
         :raises IndexError: beyond the last frame
         """
-        tensors, facts = self._frames.frame(index)
+        try:
+            place = operator.index(index)
+        except TypeError:
+            expected = "a whole number; several frames are torch.utils.data.Subset(data, range(2))"
+            raise InputError("index", repr(index), expected) from None
+        tensors, facts = self._frames.frame(place)
         metadata: dict[str, Any] = {
             name: torch.tensor(value, dtype=torch.float64) if name in VECTORS else value
             for name, value in facts.items()
