@@ -43,10 +43,16 @@ class Described(BaseModel, frozen=True, extra="forbid"):
         for name, field in cls.model_fields.items() if isinstance(given, dict) else ():
             kinds = _plain_kinds(field.annotation)
             if kinds and kinds <= {int, float} and isinstance(given.get(name), str | bool):
-                raise ValueError(f"{name} = {given[name]!r}; expected a number")
+                raise _fault(cls, name, given[name], "int_type" if kinds == {int} else "float_type")
             if kinds == {bool} and not isinstance(given.get(name, True), bool | None):
-                raise ValueError(f"{name} = {given[name]!r}; expected true or false")
+                raise _fault(cls, name, given[name], "bool_type")
         return given
+
+
+def _fault(model: type[BaseModel], name: str, value: object, kind: str) -> ValidationError:
+    """That of a field, as pydantic would tell it."""
+    fault: Any = {"type": kind, "loc": (name,), "input": value}
+    return ValidationError.from_exception_data(model.__name__, [fault])
 
 
 def _plain_kinds(annotation: object) -> set[object]:

@@ -22,19 +22,20 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field, FiniteFloat, model_validator
+from pydantic import Field, FiniteFloat, model_validator
 
 from shared.dataset.documents import sealed, unsealed
 from shared.dataset.writing import write_text
 from shared.physics.errors import InputError
 from shared.radar import Radar, read_toml, validated
 from shared.radar.arrays import AntennaArray
+from shared.radar.validation import Described
 from trainer.captures.cube_file import Sha256
 
 SAME_PLACE_M = 1e-6
 
 
-class Reflector(BaseModel, frozen=True, extra="forbid"):
+class Reflector(Described):
     """A capture of a reflector whose place is known.
 
     :param range_m: from the radar's origin
@@ -47,7 +48,7 @@ class Reflector(BaseModel, frozen=True, extra="forbid"):
     angle_deg: Annotated[FiniteFloat, Field(ge=-90, le=90)]
 
 
-class Calibration(BaseModel, frozen=True, extra="forbid"):
+class Calibration(Described):
     """What the channels of a board do to an echo.
 
     :param board: name, see :mod:`shared.radar.boards`

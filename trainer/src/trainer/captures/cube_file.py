@@ -16,13 +16,14 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field, FiniteFloat
+from pydantic import Field, FiniteFloat
 
 from shared.dataset.documents import sealed, unsealed
 from shared.dataset.writing import atomic
 from shared.physics.errors import InputError
 from shared.physics.units import db_to_power, power_to_db
 from shared.radar import Radar, load_radar, validated
+from shared.radar.validation import Described
 from shared.signal.spectrum import range_doppler
 from shared.signal.windows import cell_noise_power
 from trainer.captures.reading import read_arrays
@@ -39,7 +40,7 @@ Scale = Literal["sqrt(W)", "relative"]
 Channel = Annotated[int, Field(ge=0)]
 
 
-class Capture(BaseModel, frozen=True, extra="forbid"):
+class Capture(Described):
     """Where an imported cube comes from, and what its numbers mean.
 
     :param source: name of the file that was imported

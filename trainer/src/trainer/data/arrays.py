@@ -7,17 +7,18 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field, field_validator
+from pydantic import Field, field_validator
 
 from shared.physics.errors import InputError
 from shared.radar import Radar, read_toml, validated
 from shared.radar.arrays import AVR_QDM_110_THINNED_RX
+from shared.radar.validation import Described
 
 FULL = "full"
 """The name of all elements of any radar."""
 
 
-class ArrayChoice(BaseModel, frozen=True, extra="forbid"):
+class ArrayChoice(Described):
     """A subset of a radar's RX elements, each with all TX.
 
     :param name: "full", "sparse6", "sparse4" or the TOML file's name

@@ -10,10 +10,11 @@ from typing import Annotated, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field, FiniteFloat, ValidationError
+from pydantic import Field, FiniteFloat, ValidationError
 
 from shared.physics.errors import InputError
 from shared.radar import Radar, first_validation_error
+from shared.radar.validation import Described
 from shared.signal.ego_motion import EgoMotion, StaticWorld, estimated_motion
 from trainer.estimators.array import LineArray, uniform_axis
 
@@ -27,7 +28,7 @@ MOST_DETECTIONS = 400
 Velocity = tuple[FiniteFloat, FiniteFloat]
 
 
-class MotionFile(BaseModel, frozen=True, extra="forbid"):
+class MotionFile(Described):
     """``NAME.motion.json`` beside ``NAME.npz`` or ``NAME.npy``.
 
     :param velocity: of the vehicle at the radar, forward and to the left [m/s]: of all frames, or of each

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, FiniteFloat, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, FiniteFloat, model_validator
 
 from shared.processes.defaults import LARGEST_SEED
 from shared.radar.front_end import PhaseNoise
+from shared.radar.validation import Described
 from shared.signal.windows import ANGLE_WINDOWS
 from trainer.defaults import Features, Model, Precision, Target
 
@@ -31,7 +32,7 @@ Level = Annotated[tuple[FiniteFloat, FiniteFloat], AfterValidator(_rising)]
 """Least and largest level of a board [dB]."""
 
 
-class Imperfections(BaseModel, frozen=True, extra="forbid"):
+class Imperfections(Described):
     """Magnitudes of boards after calibration with a reflector, by default.
 
     A field with two numbers holds the ends between which each board draws its own, uniformly.
@@ -110,7 +111,7 @@ USED_WITH: dict[str, tuple[str, tuple[str, ...]]] = {
 """Fields that make a difference only where another field has one of these values."""
 
 
-class FitConfig(BaseModel, frozen=True, extra="forbid"):
+class FitConfig(Described):
     """Network, features, target, loss and schedule of one run.
 
     :param model: network, see :mod:`trainer.networks`

@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from shared.dataset.documents import digest
 from shared.dataset.locations import Location
 from shared.processes.defaults import LARGEST_SEED
 from shared.radar import Radar
+from shared.radar.validation import Described
 from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.options import EvaluateOptions
@@ -29,7 +30,7 @@ KEPT = 2
 """Frames or simulated scenes that an experiment holds while its contenders take turns."""
 
 
-class EvaluationConfig(BaseModel, frozen=True, extra="forbid"):
+class EvaluationConfig(Described):
     """Who is compared by what, and how much is computed.
 
     :param runs: run folders of trainer fit, each evaluated on its own array
