@@ -64,8 +64,8 @@ FILES: dict[str, list[tuple[str | bytes, str]]] = {
     ],
     "targets.json": [
         ('[[{"x": 1.0, "y": 0.0}]]', r"no rcs_dbsm; expected one, or a model, as in a list of frames, each"),
-        ('[[{"x": "1.0", "y": 0.0, "rcs_dbsm": 0}]]', r"entry 0\.0: x = '1\.0'; expected a number, as in"),
-        ('[[{"x": 1.0, "y": 0.0, "rcs_dbsm": true}]]', r"entry 0\.0: rcs_dbsm = True; expected a number, as in"),
+        ('[[{"x": "1.0", "y": 0.0, "rcs_dbsm": 0}]]', r"entry 0\.0\.x = '1\.0'; expected a number, as in"),
+        ('[[{"x": 1.0, "y": 0.0, "rcs_dbsm": true}]]', r"entry 0\.0\.rcs_dbsm = True; expected a number, as in"),
         ('[[{"x": 1.0, "y": 0.0, "model": "car", "rcs_dbsm": 1.0}]]', "a model beside rcs_dbsm"),
         ('[[{"x": 1.0, "y": 0.0, "rcs_dbsm": 1.0, "stature_m": 1.7}]]', "stature_m without a model"),
         ('[[{"x": 1.0, "y": 0.0, "model": "pedestrian", "stature_m": "tall"}]]', "tall"),

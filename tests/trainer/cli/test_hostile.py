@@ -19,7 +19,7 @@ from tiny_radar import RADAR, small_dataset
 
 from shared.dataset.documents import sealed
 
-SIZE = ["--width", "4", "--hidden", "16", "--rows", "16", "--steps", "4", "--validate-every", "2", "--array", "full"]
+SIZE = ["--width", "4", "--rows", "16", "--steps", "4", "--validate-every", "2", "--array", "full"]
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +97,7 @@ def test_a_full_disk_names_the_file_and_nothing_partial_stays(tmp_path, command,
     data = make(tmp_path / "data")
     arguments = {
         "evaluate": ["--arrays", "full", "--methods", "das", "--experiments", "noise-only", "--trials", "2"],
-        "fit": [*SIZE, "--hidden", "64", "--width", "8"],
+        "fit": [*SIZE, "--width", "8"],
     }[command]
     done = subprocess.run(
         [sys.executable, "-m", "trainer", command, str(data), "--out", str(out), *arguments],

@@ -18,7 +18,7 @@ from tiny_radar import small_dataset
 
 from trainer.run.folder import JOB
 
-SIZE = ["--width", "4", "--hidden", "16", "--rows", "16", "--validate-every", "4", "--array", "full", "--points", "0"]
+SIZE = ["--width", "4", "--rows", "16", "--validate-every", "4", "--array", "full", "--points", "0"]
 INTERRUPTED = "trainer: interrupted"
 
 

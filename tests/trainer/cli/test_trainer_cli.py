@@ -16,7 +16,7 @@ from trainer.cli.app import app
 from trainer.errors import TrainingStopped
 from trainer.run.folder import read_run
 
-SIZE = ["--width", "4", "--hidden", "16", "--rows", "16", "--steps", "4", "--validate-every", "4", "--array", "full"]
+SIZE = ["--width", "4", "--rows", "16", "--steps", "4", "--validate-every", "4", "--array", "full"]
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,7 @@ def test_a_fit_from_none_is_one_that_does_not_say(tmp_path, capsys, monkeypatch)
     data = small_dataset(tmp_path / "data")
     notes = []
     for out, begin in (("none", ()), ("second", ("--from", "none")), ("third", ("--from", "./none"))):
-        arguments = ("fit", data, "--out", out, "--model", "spectral-unet", *SIZE, *begin)
+        arguments = ("fit", data, "--out", out, "--model", "spectral-unet", "--hidden", "16", *SIZE, *begin)
         assert status(capsys, monkeypatch, *arguments)[0] == 0
         notes.append((tmp_path / out / "run.json").read_bytes())
     assert notes[0] == notes[1]
@@ -108,7 +108,7 @@ def test_fit_predict_and_export_work_one_after_the_other(tmp_path):
     data, run = small_dataset(tmp_path / "data"), tmp_path / "run"
     runner = CliRunner()
     for arguments in (
-        ["fit", data, "--out", run, "--model", "spectral-unet", *SIZE],
+        ["fit", data, "--out", run, "--model", "spectral-unet", "--hidden", "16", *SIZE],
         ["predict", run, data, "--out", tmp_path / "images"],
         ["export", run, "--out", tmp_path / "network.onnx"],
     ):

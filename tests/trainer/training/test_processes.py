@@ -18,7 +18,7 @@ from shared.physics.errors import InputError
 from trainer.run.folder import CHECKPOINT, METRICS
 from trainer.training.processes import launched
 
-SIZE = ["--width", "4", "--hidden", "16", "--rows", "16", "--batch", "2", "--array", "full", "--devices", "2"]
+SIZE = ["--width", "4", "--rows", "16", "--batch", "2", "--array", "full", "--devices", "2"]
 STEPS, EVERY = 60, 5
 LONGEST_S = 120.0
 """Until the first checkpoint, or from the signal to the end."""
@@ -111,7 +111,7 @@ def test_two_processes_of_torchrun_train_one_network(tmp_path: Path) -> None:
     data, script, out = small_dataset(tmp_path / "data"), tmp_path / "watched.py", tmp_path / "run"
     script.write_text(WATCHED, encoding="utf-8")
     command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", script, tmp_path]
-    command += ["fit", data, "--out", out, "--width", "4", "--hidden", "16", "--rows", "16", "--array", "full"]
+    command += ["fit", data, "--out", out, "--width", "4", "--rows", "16", "--array", "full"]
     command += ["--batch", BATCH, "--steps", TORCH_STEPS, "--validate-every", TORCH_STEPS // 2, "--accumulate", 1]
     done = subprocess.run(
         [str(part) for part in command], env={**os.environ, "OMP_NUM_THREADS": "1"}, capture_output=True, text=True,

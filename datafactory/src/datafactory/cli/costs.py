@@ -99,7 +99,8 @@ def accuracy(asked: AccuracyOptions) -> None:
         raise InputError("--scene", "missing", "a scene file or sionna:NAME")
     console = plain_console()
     # As many frames are drawn as of a run, of which the first are measured; rays and depth are varied.
-    order = order_of(common(OrderOptions, asked, scenes=scene, frames=DEFAULT_FRAMES, rays=None))
+    drawn = DEFAULT_FRAMES if asked.poses is None else None
+    order = order_of(common(OrderOptions, asked, scenes=scene, frames=drawn, rays=None))
     menu = study.menu_of_study(quick, asked.rays, asked.most_rays, order.radar)
     _require_folder(out)
     set_threads(1)

@@ -45,6 +45,8 @@ ROUGH_M = 2.0
 LATEST_START_S = 10.0
 DRAWN = 12
 """Drives drawn before the best of them is taken."""
+MOST_DRAWN = 60
+"""As long as none keeps clear of the traffic."""
 LOOKS = 4
 """Poses of a drive whose views are weighed."""
 
@@ -184,9 +186,10 @@ def draw_drive(
     """Draw one drive in a split's region.
 
     It keeps 1.5 m from everything that moves. Where anything does, it begins at a drawn time, 0 to 10 s, so that the
-    same street is met with other traffic. It keeps to the roads, where they have the room, with probability 0.8. Of 12
-    drawn ones the first is taken that has room to go as far as it would, looks along its street at something, and at
-    nothing on another split's side; else the best, in this order.
+    same street is met with other traffic. Of 12 drawn ones the first is taken that has room to go as far as it would,
+    looks along its street at something, and at nothing on another split's side; else the best, in this order. Of these
+    the first six keep to the roads, where those have the room, with probability 0.8; traffic may fill a road. Up to 60
+    are drawn as long as none keeps clear of it.
 
     :param movers: of the ground's scene
     :param speeds: ends of the cruising speed, where ``asked`` states none
@@ -197,10 +200,12 @@ def draw_drive(
     latest_s = min(LATEST_START_S, max(0.0, movers.rests_from_s - asked.seconds)) if movers else 0.0
     best: tuple[tuple[float, ...], tuple[Pose, ...]] | None = None
     lanes, roads = 0, region & ground.road
-    for _ in range(DRAWN):
+    for drawn in range(MOST_DRAWN):
+        if drawn >= DRAWN and best is not None:
+            break
         cruise = float(rng.uniform(*speeds)) if asked.speed_mps is None else asked.speed_mps
         lane, far = None, cruise * asked.seconds + cruise**2 / (2.0 * ACCELERATION_MPS2) + SPARE_M
-        if roads.any() and rng.random() < ROAD_PREFERENCE:
+        if drawn < DRAWN // 2 and roads.any() and rng.random() < ROAD_PREFERENCE:
             lane = draw_lane(ground, far, rng, roads)
         if lane is None or lane.length_m < far:
             lane = draw_lane(ground, far, rng, region)

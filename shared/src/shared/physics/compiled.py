@@ -103,7 +103,7 @@ def _stamped(kernel: Any) -> Any:
     file = getattr(getattr(kernel, "_cache", None), "_cache_file", None)
     if file is None:  # numba runs without its compiler
         return kernel
-    sources, constants = set(), set()
+    sources, constants = {__file__}, set()
     found, left = {kernel.py_func}, [kernel.py_func]
     while left:
         function: FunctionType = left.pop()
