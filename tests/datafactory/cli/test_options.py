@@ -94,6 +94,15 @@ def test_numbers_of_numpy_are_python_s_own() -> None:
     assert [type(made.count), type(made.width)] == [int, float]
 
 
+def test_a_number_or_a_text_stays_what_it_is() -> None:
+    class Cores(Options):
+        cores: Annotated[int | str, Option("How many, or which.")] = 1
+
+    assert [Cores(cores=cores).cores for cores in (2, "all")] == [2, "all"]
+    with pytest.raises(InputError, match=r"--cores: 2\.5; expected a whole number or a text"):
+        Cores(cores=2.5)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [

@@ -29,9 +29,11 @@ from shared.dataset.locations import Location, RemotePath
 from shared.processes.machine import usable_memory
 
 RECEIVER_S = 1.7e-8
-"""Of a sample of the cube, noise and what receives it: 0.11 s for 48 x 128 x 1024."""
+"""Of a sample of the cube, noise and converter: 0.11 s for 48 x 128 x 1024 (``receiver`` of a manifest's
+``step_seconds``, 14 frames of munich: docs/notes/costs.md)."""
 PATHS_A_RAY = 0.7
-"""Paths of a frame for each ray, after thinning and pruning: 0.60 to 0.78 in the same three scenes."""
+"""Paths of a frame for each ray, after thinning and pruning: 0.60 to 0.78 in a canyon, munich and the shipped
+street."""
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ at 137 dB; in float32 there is no noise 150 dB below. A converter may swallow al
 FRAME_BYTES = 4_000.0
 """Of a frame's headers, and its share of what its shard says of itself; measured in full shards: 6400."""
 STREETS, CLOSE_TARGETS = 0.82, 0.19
-"""The same of frames with noise, in streets and of close targets."""
+"""Share of its arrays' bytes that a frame with noise takes on the disk, in streets and of close targets."""
 
 
 @dataclass(frozen=True)

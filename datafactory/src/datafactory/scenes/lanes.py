@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ from scipy.sparse.csgraph import dijkstra
 from datafactory.scenes.ground import Ground
 from datafactory.scenes.motion import Real
 from datafactory.scenes.streets import Mask
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 GRID_M = 1.0
 """Ways are sought on cells of this side or a little more: finer ground is taken in strides."""
@@ -58,18 +62,17 @@ class Lane:
     def length_m(self) -> float:
         return float(self.distance_m[-1])
 
-    @cached_property
-    def heading_rad(self) -> Real:
-        """[n] direction of travel, counted from x to y, without jumps [rad]."""
-        along = np.gradient(self.points, self.distance_m, axis=0)
-        return np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
+    def course(self, beside: Real | None = None) -> CubicSpline:
+        """The line that is driven, by the way from the first point [m]: x, y, and values [n, k] ``beside`` them."""
+        from scipy.interpolate import CubicSpline  # where needed: it takes a fifth of a second
+
+        values = self.points if beside is None else np.column_stack([self.points, beside])
+        return CubicSpline(self.distance_m, values)
 
     @cached_property
     def curvature(self) -> Real:
-        """[n] rate of turn, positive to the left [rad/m], of the cubic spline through the points, which is driven."""
-        from scipy.interpolate import CubicSpline  # where needed: it takes a fifth of a second
-
-        course = CubicSpline(self.distance_m, self.points)
+        """[n] rate of turn of the line that is driven, positive to the left [rad/m]."""
+        course = self.course()
         (x, y), (turning_x, turning_y) = course(self.distance_m, 1).T, course(self.distance_m, 2).T
         bend: Real = (x * turning_y - y * turning_x) / np.hypot(x, y) ** 3
         return bend

@@ -102,8 +102,8 @@ class Declared(NamedTuple):
             raise InputError(self.flag, repr(value), ", ".join(filter(None, (plain, bounds))))
         if bounds and value is not None and not self.option.least <= value <= self.option.most:
             raise InputError(self.flag, repr(value), bounds)
-        if int in kinds or float in kinds:
-            return int(value) if isinstance(value, Integral) else value if value is None else float(value)
+        if isinstance(value, Real) and (int in kinds or float in kinds):
+            return int(value) if isinstance(value, Integral) else float(value)
         return value
 
 
