@@ -11,12 +11,9 @@ import os
 import sys
 from pathlib import Path
 
-from trainer.evaluation.evaluate import evaluate
-from trainer.evaluation.experiments.bench import EvaluationConfig
+from trainer import evaluate, fit
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import RUN_FILE
-from trainer.training.fit import fit
-from trainer.training.options import FitRequest
 from trainer.training.verdict import VERDICT
 
 OUT = Path(os.environ.get("EXAMPLES_OUT", "build/examples")) / "ablation"
@@ -52,12 +49,11 @@ def main() -> None:
     for run in runs:
         if not (run / VERDICT).is_file():
             changed = FitConfig.model_validate({"steps": STEPS, **VARIANTS[run.name]})
-            fit(FitRequest([dataset], run, config=changed, array=ARRAY, resume=(run / RUN_FILE).is_file()))
-    config = EvaluationConfig(
-        runs=tuple(runs), methods=("das", "unet"), arrays=(ARRAY,), experiments=("detection", "resolution"),
-        trials=TRIALS,
+            fit([dataset], run, config=changed, array=ARRAY, resume=(run / RUN_FILE).is_file())
+    evaluate(
+        dataset, out=OUT / "evaluation", run=runs, methods=("das", "unet"), arrays=ARRAY,
+        experiments=("detection", "resolution"), trials=TRIALS, resume=(OUT / "evaluation").is_dir(), announce=print,
     )  # fmt: skip
-    evaluate(dataset, OUT / "evaluation", config, resume=(OUT / "evaluation").is_dir())
     print((OUT / "evaluation" / "summary.md").read_text(encoding="utf-8"))
 
 

@@ -43,11 +43,12 @@ STRANGER = """
 import sys
 
 import numpy as np
+import pyarrow.parquet as pq
 import torch
 from torch.utils.data import DataLoader
 
 from datafactory import Pose, load_radar, load_scene, render
-from trainer import RadarDataset, estimators, load_imager, pretrained_run
+from trainer import RadarDataset, estimators, load_imager, predict, pretrained_run
 
 scene_file, radar_file, out = sys.argv[1:]
 
@@ -89,6 +90,11 @@ spectrum = iaa.image(
     example.input[0].numpy(), estimators.line_array(data.radar, data.channels), data.u, example.metadata["noise_power"]
 )
 assert spectrum.shape == (64, 450) and np.isfinite(spectrum).all() and spectrum.max() > 0.0
+
+images = out + "-images"
+assert predict(out, images, method="iaa", split="train", pictures=False, announce=lines.append) == 1
+assert pq.read_schema(images + "/images.parquet").names == ["frame_id", "image", "velocity"]
+assert lines[-1].startswith(f"1 frames of {out}"), lines
 print("seen")
 """
 

@@ -135,9 +135,10 @@ def finite_cascade(path: Path) -> None:
 
 def applied(path: Path) -> None:
     """A calibration, on a capture."""
-    reading = Reading("iwr1642", radar=str(path.parent / "capture.toml"), frames=(0, 1))
-    (path.parent / "c.npz").unlink(missing_ok=True)
-    import_capture(path.parent / "good.bin", path.parent / "c.npz", reading, path, str)
+    beside = path.parent
+    (beside / "c.npz").unlink(missing_ok=True)
+    import_capture("iwr1642", radar=str(beside / "capture.toml"), frames=(0, 1), capture=beside / "good.bin",
+                   out=beside / "c.npz", calibration=path)  # fmt: skip
 
 
 BINARY_USD = {"binary.usdc": finite_scene, "binary.usdz": finite_scene}

@@ -1,6 +1,7 @@
 """A radar, data and a run for evaluations of seconds."""
 
 from dataclasses import replace
+from typing import Any
 
 import command_line
 from tiny_radar import RADAR as SHORT_RADAR
@@ -9,8 +10,6 @@ from tiny_run import run_of
 
 from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.evaluate import evaluate
-from trainer.evaluation.experiments.bench import EvaluationConfig
-from trainer.evaluation.experiments.measured_input import read_measured
 
 RADAR = SHORT_RADAR.model_copy(
     update={"waveform": SHORT_RADAR.waveform.model_copy(update={"samples": 64, "range_bins": 48})}
@@ -18,7 +17,7 @@ RADAR = SHORT_RADAR.model_copy(
 """Sees to 7 m: the cylinders of the paper stand at 5.7 m."""
 FULL = ArrayChoice(name="full", rx=tuple(range(6)))
 THIN = ArrayChoice(name="thin", rx=(0, 1, 2, 5))
-QUICK = EvaluationConfig(frames=3, shown=2, trials=2)
+QUICK: dict[str, Any] = {"frames": 3, "shown": 2, "trials": 2}
 
 
 def make_data(directory, radar=RADAR):
@@ -45,26 +44,16 @@ def make_run(directory, array=THIN, radar=RADAR, datasets=(), **changes):
     return run_of(directory, radar, tiny(**changes), array, datasets)
 
 
-ASKED = ("runs", "methods", "arrays", "experiments")
-READ = ("targets", "range_m", "model_error_db")
-
-
-def evaluated(data, out, measured=None, config=QUICK, **given):
-    """An evaluation whose configuration, and what is to be read of a measured file, are stated by name."""
-    asked = {name: given.pop(name) for name in ASKED if name in given}
-    told = {name: given.pop(name) for name in READ if name in given}
-    config = EvaluationConfig.model_validate(config.model_dump() | asked)
-    row = None if measured is None else read_measured(measured, **told)
-    return evaluate(data, out, config, row, **given)
-
-
 def run_all(inputs, out, **changes):
     data, run, thin, measured = inputs
     arguments = {
-        "runs": [run], "methods": ["das", "omp", "unet"], "arrays": [str(thin), "full"], "measured": measured,
-        "targets": 2, "announce": lambda _: None,
+        "run": [run], "methods": ["das", "omp", "unet"], "arrays": [str(thin), "full"], "measured": measured,
+        "targets": 2,
     }  # fmt: skip
-    return evaluated(data, out, **(arguments | changes))
+    changes = arguments | changes
+    if changes["measured"] is None:
+        del changes["targets"]
+    return evaluate(data, out=out, **(QUICK | changes))
 
 
 def status(capsys, monkeypatch, *arguments):

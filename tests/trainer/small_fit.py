@@ -9,15 +9,14 @@ from typing import Any
 import torch
 from tiny_radar import TINY
 
+from trainer import fit
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import CHECKPOINT, METRICS, Run
-from trainer.training.fit import fit
-from trainer.training.options import FitRequest
 
 
 def run(dataset: Any, out: Path, config: FitConfig = TINY, **arguments: Any) -> tuple[Run, list[str]]:
     lines: list[str] = []
-    result = fit(FitRequest([dataset], out, config=config, array="full", **arguments), lines.append)
+    result = fit([dataset], out, config=config, array="full", announce=lines.append, **arguments)
     return result, lines
 
 

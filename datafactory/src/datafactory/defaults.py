@@ -1,16 +1,6 @@
-"""What options are by default, and their limits: constants alone, so that ``--help`` imports nothing that computes; and
-what a run tells by."""
+"""What options are by default, and their limits: constants alone, so that ``--help`` imports nothing that computes."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
-from typing import TypeAlias
-
-Announce: TypeAlias = Callable[[str], None]
-"""Takes a line for the user: how materials were mapped, what was left out, a warning."""
-Progress: TypeAlias = Callable[[str, int, int], None]
-"""Takes what is being done, how much of it is done, and of how much: ``("frames", 5, 8)``; with an
-error budget also ``(what is measured, 7, 40)``."""
 
 CPU, CUDA, AUTO_DEVICE = "cpu", "cuda", "auto"
 DEVICES = (CPU, CUDA)

@@ -16,7 +16,7 @@ from factory_command import refused
 from datafactory.api import asking, making
 from datafactory.api.asking import device_of, order_of
 from datafactory.api.forecasting import forecast
-from datafactory.api.options import Announce, OrderOptions, silent
+from datafactory.api.options import OrderOptions
 from datafactory.paths.backend import CudaDevice
 from datafactory.run import pipeline, shards
 from datafactory.run.memory import processes
@@ -25,6 +25,7 @@ from datafactory.run.preparation import prepare
 from datafactory.scenes.materials.table import load_materials
 from datafactory.synthesis import cube
 from shared.physics.errors import InputError
+from shared.processes.telling import Announce, silent
 from shared.radar import Radar
 from shared.radar.waveform import Waveform
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +19,7 @@ from shared.signal.signal import if_signal
 from shared.signal.windows import hann
 from trainer.captures.calibrating import Place, calibrate, residual
 from trainer.captures.calibration import Calibration, read_calibration
-from trainer.captures.cube_file import read_cube
+from trainer.captures.cube_file import Capture, read_cube
 from trainer.captures.importing import import_capture, read_capture
 from trainer.captures.options import Reading
 
@@ -38,7 +40,25 @@ class Bench:
 
     @property
     def reading(self) -> Reading:
-        return Reading(BOARD, radar=str(self.folder / "capture.toml"), axes="chirp sample (rx tx)")
+        return Reading(**self.read)
+
+    @property
+    def read(self) -> dict[str, Any]:
+        return {"board": BOARD, "radar": str(self.folder / "capture.toml"), "axes": "chirp sample (rx tx)"}
+
+    def calibrate(self, places: Sequence[Place], check: Place | None = None, **others: Any) -> Calibration:
+        """By the captures of these places, into c.toml."""
+        if check is not None:
+            others |= {"check": check.source, "check_range": check.range_m, "check_angle": check.angle_deg}
+        return calibrate(
+            captures=[place.source for place in places], ranges=[place.range_m for place in places],
+            angles=[place.angle_deg for place in places], out=self.folder / "c.toml", **self.read, **others,
+        )  # fmt: skip
+
+    def imported(self, source: Path, out: str) -> Capture:
+        """A capture, with the calibration that was found."""
+        calibration, out_file = self.folder / "c.toml", self.folder / out
+        return import_capture(capture=source, out=out_file, calibration=calibration, **self.read)
 
     def measure(self, name: str, range_m: float, angle_deg: float, noise: float, dead: tuple[int, ...] = ()) -> Place:
         """A reflector of amplitude 1 with noise of this amplitude in each sample, and where it was said to stand."""
@@ -76,7 +96,7 @@ def noise_in_a_cell(radar: Radar, noise: float) -> float:
 
 def test_errors_are_found(bench: Bench) -> None:
     """To what the noise leaves: 0.01 rad and 0.09 dB in a cell of noise at -43 dB."""
-    calibrate([bench.measure("a.npy", 4.0, 10.0, 0.05)], bench.folder / "c.toml", bench.reading, announce=str)
+    bench.calibrate([bench.measure("a.npy", 4.0, 10.0, 0.05)])
     found = read_calibration(bench.folder / "c.toml")
     spread = np.sqrt(0.5 * noise_in_a_cell(bench.radar, 0.05))
     assert np.abs(np.array(found.gain_db) - bench.gain_db).max() < 5.0 * 8.7 * spread
@@ -90,7 +110,7 @@ def test_another_reflector_leaves_what_the_noise_of_both_captures_does(bench: Be
     """(1 - 1/C) (1/S_1 + 1/S_2), near as it is; before calibration -10 dB, as the errors drawn have it."""
     noise = (0.05, 0.1)
     places = bench.measure("a.npy", 3.0, 10.0, noise[0]), bench.measure("b.npy", 5.0, -20.0, noise[1])
-    found = calibrate([places[0]], bench.folder / "c.toml", bench.reading, check=places[1], announce=str)
+    found = bench.calibrate([places[0]], check=places[1])
     cells = [noise_in_a_cell(bench.radar, each) for each in noise]
     channels = bench.radar.array.channels
     # The amplitudes of the channels are not the same: the first noise is divided by each one's gain.
@@ -112,7 +132,7 @@ def test_another_reflector_leaves_what_the_noise_of_both_captures_does(bench: Be
 def test_an_angle_stated_wrong_is_told_apart_from_model_error(bench: Bench) -> None:
     """At the stated angle the residual is what the exact round trips of both angles differ by."""
     first, truly = bench.measure("a.npy", 4.0, 0.0, 0.01), bench.measure("b.npy", 5.0, 12.0, 0.01)
-    found = calibrate([first], bench.folder / "c.toml", bench.reading, announce=str)
+    found = bench.calibrate([first])
     stated = Place(truly.source, 5.0, 12.2)
     left = residual(read_capture(truly.source, bench.reading), stated, found)
     y = bench.radar.array.virtual[:, 1]
@@ -127,13 +147,13 @@ def test_a_check_on_the_other_side_is_told(bench: Bench) -> None:
     lines: list[str] = []
     first, other = bench.measure("a.npy", 4.0, 5.0, 0.01), bench.measure("b.npy", 5.0, 12.0, 0.01)
     turned = Place(other.source, 5.0, -12.0)
-    calibrate([first], bench.folder / "c.toml", bench.reading, check=turned, announce=lines.append)
+    bench.calibrate([first], check=turned, announce=lines.append)
     assert any("at 12 deg: see --mirror" in line for line in lines)
 
 
 def test_several_captures_check_each_other(bench: Bench) -> None:
     places = [bench.measure(f"{n}.npy", 3.0 + n, 8.0 * n - 10.0, 0.1) for n in range(3)]
-    found = calibrate(places, bench.folder / "c.toml", bench.reading, announce=str)
+    found = bench.calibrate(places)
     assert len(found.captures) == 3
     assert found.model_error_db is not None
     one = noise_in_a_cell(bench.radar, 0.1) * np.mean(10.0 ** (-bench.gain_db / 10.0))
@@ -143,17 +163,17 @@ def test_several_captures_check_each_other(bench: Bench) -> None:
 
 def test_a_dead_channel_is_named_and_left_out(bench: Bench) -> None:
     place = bench.measure("a.npy", 4.0, 10.0, 0.002, dead=(7,))
-    found = calibrate([place], bench.folder / "c.toml", bench.reading, announce=str)
+    found = bench.calibrate([place])
     assert found.dead_channels == (7,)
     assert (found.gain_db[7], found.phase_deg[7], found.delay_s[7]) == (0.0, 0.0, 0.0)
-    capture = import_capture(place.source, bench.folder / "a.npz", bench.reading, bench.folder / "c.toml", str)
+    capture = bench.imported(place.source, "a.npz")
     assert capture.dead_channels == (7,)
 
 
 def test_import_applies_it(bench: Bench) -> None:
     places = bench.measure("a.npy", 4.0, 10.0, 0.0), bench.measure("b.npy", 5.0, -20.0, 0.0)
-    calibrate([places[0]], bench.folder / "c.toml", bench.reading, check=places[1], announce=str)
-    capture = import_capture(places[1].source, bench.folder / "b.npz", bench.reading, bench.folder / "c.toml", str)
+    bench.calibrate([places[0]], check=places[1])
+    capture = bench.imported(places[1].source, "b.npz")
     assert capture.calibration is not None
     assert capture.model_error_db is not None
     assert capture.model_error_db < -60.0
@@ -174,7 +194,7 @@ def test_import_applies_it(bench: Bench) -> None:
 )
 def test_a_calibration_of_something_else_is_refused(bench: Bench, change: dict[str, object], message: str) -> None:
     place = bench.measure("a.npy", 4.0, 10.0, 0.01)
-    found = calibrate([place], bench.folder / "c.toml", bench.reading, announce=str)
+    found = bench.calibrate([place])
     if "array" in change:
         turned = found.array.model_copy(update={"tx_m": found.array.tx_m[::-1]})
         change = {"array": turned}
@@ -194,7 +214,7 @@ def test_a_calibration_of_something_else_is_refused(bench: Bench, change: dict[s
 )
 def test_a_changed_file_is_one_line(bench: Bench, old: str, new: str, message: str) -> None:
     path = bench.folder / "c.toml"
-    calibrate([bench.measure("a.npy", 4.0, 10.0, 0.01)], path, bench.reading, announce=str)
+    bench.calibrate([bench.measure("a.npy", 4.0, 10.0, 0.01)])
     assert isinstance(read_calibration(path), Calibration)
     path.write_text(path.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
     with pytest.raises(InputError, match=message):
@@ -204,5 +224,5 @@ def test_a_changed_file_is_one_line(bench: Bench, old: str, new: str, message: s
 def test_no_reflector_there_is_one_line(bench: Bench) -> None:
     place = bench.measure("a.npy", 4.0, 10.0, 0.01)
     with pytest.raises(InputError, match=r"no reflector within .* m of 7.5 m"):
-        calibrate([Place(place.source, 7.5, 10.0)], bench.folder / "c.toml", bench.reading, announce=str)
+        bench.calibrate([Place(place.source, 7.5, 10.0)])
     assert not (bench.folder / "c.toml").exists()

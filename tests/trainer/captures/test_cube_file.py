@@ -14,10 +14,9 @@ from tiny_radar import RADAR
 from shared.physics.errors import InputError
 from shared.signal import if_signal
 from shared.signal.windows import cell_noise_power
+from trainer import predict
 from trainer.captures.cube_file import Capture, frame_shape, read_cube, write_cube
 from trainer.data.measurements import open_measurements
-from trainer.run.options import PredictRequest
-from trainer.run.predict import predict
 
 CAPTURE = Capture(
     source="adc_data.bin", source_sha256="a" * 64, board="iwr1843", frames=2, scale="relative", noise_power=2.5,
@@ -69,8 +68,9 @@ def test_noise_that_no_capture_states_is_thermal_or_measured_where_the_samples_a
     (measurement,) = open_measurements(tmp_path / "own.npz", None, "test")[1]
     assert measurement.noise_power == pytest.approx(scale**2 * cell_noise_power(radar), rel=0.1 if counts else 1e-12)
     said = list[str]()
-    request = PredictRequest([tmp_path / "own.npz"], tmp_path / "out", method="das", points=True, false_alarms=0.01)
-    predict(request, said.append)
+    predict(
+        [tmp_path / "own.npz"], tmp_path / "out", method="das", points=True, false_alarms=0.01, announce=said.append
+    )  # fmt: skip
     assert len(pq.read_table(tmp_path / "out/images.parquet")["detections"][0]) == 2
     remarks = [line for line in said if "noise as measured in the cube" in line]
     assert len(remarks) == counts

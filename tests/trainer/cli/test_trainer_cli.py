@@ -62,7 +62,7 @@ def test_an_interrupted_command_says_how_to_go_on(capsys, monkeypatch, work, arg
 
 def test_names_are_printed_as_they_are(capsys, monkeypatch):
     """Rich would make a picture of :car:, and take [0] for markup."""
-    monkeypatch.setattr("trainer.training.fit.fit", lambda request, announce: announce(f"weights in {request.out}"))
+    monkeypatch.setattr("trainer.training.fit.fit", lambda out, announce, **_: announce(f"weights in {out}"))
     code, said, _ = status(capsys, monkeypatch, "fit", "a:smile:b", "--out", "out/:car:/[0]")
     assert code == 0
     assert said.startswith("weights in out/:car:/[0]\nrun in out/:car:/[0]; curves: ")

@@ -29,7 +29,7 @@ def test_the_table_says_on_what_a_network_was_trained(inputs, evaluation, tmp_pa
         ("das", "scene=hall,trained on it=nothing"),
     } <= words(evaluation[0])  # fmt: skip
     other = make_run(tmp_path / "other", datasets=(Fingerprint(name="else", sha256="0" * 64, frames={}),))
-    chosen = {"runs": [other], "methods": ["unet"], "experiments": ["generalisation"], "measured": None}
+    chosen = {"run": [other], "methods": ["unet"], "experiments": ["generalisation"], "measured": None}
     assert ("unet", "scene=hall,trained on it=unknown") in words(run_all(inputs, tmp_path / "out", **chosen))
 
 
@@ -105,10 +105,10 @@ def test_contenders_stand_in_the_order_of_methods_and_arrays_whatever_that_of_th
 def test_two_networks_of_one_kind_are_told_apart(inputs, tmp_path):
     runs = [make_run(tmp_path / name) for name in ("wide", "deep")]
     table = run_all(
-        inputs, tmp_path / "out", runs=runs, methods=["unet"], experiments=["tradeoff"], measured=None,
+        inputs, tmp_path / "out", run=runs, methods=["unet"], experiments=["tradeoff"], measured=None,
     )  # fmt: skip
     assert set(table["method"].to_pylist()) == {"unet:wide", "unet:deep"}
     copy = tmp_path / "else" / "wide"
     copy.parent.mkdir()
     with pytest.raises(InputError, match="two runs are named 'unet:wide thin'"):
-        run_all(inputs, tmp_path / "no", runs=[runs[0], make_run(copy)], methods=["unet"], measured=None)
+        run_all(inputs, tmp_path / "no", run=[runs[0], make_run(copy)], methods=["unet"], measured=None)

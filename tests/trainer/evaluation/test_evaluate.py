@@ -2,7 +2,7 @@
 
 import pyarrow.parquet as pq
 import pytest
-from small_evaluation import QUICK, run_all
+from small_evaluation import run_all
 
 from shared.physics.errors import InputError
 from trainer.evaluation.evaluate import NAMES
@@ -117,19 +117,19 @@ def test_numbers_and_figures_do_not_depend_on_the_number_of_workers(inputs, eval
 def test_other_settings_are_computed_anew_and_what_is_left_is_said(inputs, tmp_path):
     out = tmp_path / "out"
     lines: list[str] = []
-    chosen = {"methods": ["das"], "runs": [], "experiments": ["noise-only"], "measured": None, "announce": lines.append}
+    chosen = {"methods": ["das"], "run": [], "experiments": ["noise-only"], "measured": None, "announce": lines.append}
     run_all(inputs, out, **chosen)
-    run_all(inputs, out, **chosen, resume=True, config=QUICK.model_copy(update={"seed": 1}))
+    run_all(inputs, out, **chosen, resume=True, seed=1)
     # Two frames and two arrays; the images of the report and the runtimes depend on no seed.
     assert lines[-1].startswith("4 cells computed")
     assert any(line.startswith("4 cells in") and "of other arguments" in line for line in lines)
-    run_all(inputs, out, **chosen, resume=True, config=QUICK.model_copy(update={"frames": 1}))
+    run_all(inputs, out, **chosen, resume=True, frames=1)
     assert "2 scene frames of the test split are left out: --frames 1" in lines
 
 
 def test_a_damaged_cell_is_named(inputs, tmp_path):
     out = tmp_path / "out"
-    chosen = {"methods": ["das"], "runs": [], "experiments": ["noise-only"], "measured": None}
+    chosen = {"methods": ["das"], "run": [], "experiments": ["noise-only"], "measured": None}
     run_all(inputs, out, **chosen)
     cell = sorted((out / "cells").glob("noise-only-*.npz"))[0]
     cell.write_bytes(cell.read_bytes()[:100])

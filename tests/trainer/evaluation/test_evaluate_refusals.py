@@ -7,17 +7,18 @@ import shutil
 from dataclasses import replace
 
 import pytest
-from small_evaluation import QUICK, RADAR, make_data, status
+from small_evaluation import RADAR, make_data, status
 from tiny_radar import RADAR as SHORT_RADAR
 from tiny_radar import frame, write_dataset
 
 from shared.physics.errors import InputError
 from trainer.evaluation.evaluate import EXPERIMENTS, NAMES, choose_experiments, open_bench
+from trainer.evaluation.experiments.bench import EvaluationConfig
 
 
 def test_a_radar_that_does_not_see_so_far_leaves_experiments_out_and_says_so(tmp_path):
     data = make_data(tmp_path / "data", SHORT_RADAR)
-    bench, _ = open_bench(data, QUICK.model_copy(update={"methods": ("das",), "arrays": ("full",)}))
+    bench, _ = open_bench(data, EvaluationConfig(frames=3, methods=("das",), arrays=("full",)))
     chosen, lines = choose_experiments(None, bench, None)
     reason = "the radar sees to 3.4 m, the targets stand at 5.7 m"
     assert lines == [

@@ -10,12 +10,13 @@ import scipy.io
 from captured_cubes import other_radar, write_capture
 from numpy.typing import NDArray
 from oracles import reference_file
-from small_evaluation import evaluated, status
+from small_evaluation import QUICK, status
 from tiny_radar import RADAR
 from tiny_run import make_run
 
 from shared.physics.errors import InputError
 from shared.radar.arrays import AntennaArray, line
+from trainer import evaluate
 from trainer.estimators.das import DelayAndSum
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music
@@ -105,7 +106,7 @@ def test_a_snapshot_needs_no_dataset(inputs, tmp_path, capsys, monkeypatch):
 
 def test_nobody_needs_to_know_how_many_there_are(inputs, tmp_path):
     said: list[str] = []
-    evaluated(None, tmp_path / "out", methods=["likes", "das"], measured=inputs[3], announce=said.append)
+    evaluate(None, out=tmp_path / "out", **QUICK, methods=["likes", "das"], measured=inputs[3], announce=said.append)
     found = values(tmp_path / "out")
     metrics = {metric for method, array, metric in found if (method, array) == ("likes", "all 40")}
     assert metrics == {
@@ -127,7 +128,7 @@ def test_a_cube_is_cut_at_a_range_and_seen_from_above(tmp_path):
         "arrays": ["full", str(tmp_path / "few.toml"), "sparse6"],
     }
     said: list[str] = []
-    evaluated(None, out, runs=[run], announce=said.append, **given)
+    evaluate(None, out=out, **QUICK, run=[run], announce=said.append, **given)
     assert any("sparse6 uses RX 15" in line for line in said)
     found = values(out)
     assert {(method, array) for method, array, _ in found} == {
@@ -138,12 +139,12 @@ def test_a_cube_is_cut_at_a_range_and_seen_from_above(tmp_path):
     assert found["likes", "full", "angle 1 [deg]"] == pytest.approx(strongest, abs=1.5)
     for name in ("measured", "measured-picture"):
         assert (out / f"figures/{name}.png").read_bytes()[:4] == b"\x89PNG"
-    evaluated(None, tmp_path / "near", range_m=np.hypot(1.5, 0.3), announce=said.append, **given)
+    evaluate(None, out=tmp_path / "near", **QUICK, range_m=np.hypot(1.5, 0.3), announce=said.append, **given)
     nearer = values(tmp_path / "near")["likes", "full", "angle 1 [deg]"]
     assert nearer == pytest.approx(np.rad2deg(np.arctan2(0.3, 1.5)), abs=1.5)
     dead = make_run(tmp_path / "other")
     cube = write_capture(tmp_path / "dead.npz", radar, places, dead_channels=(1,))
-    evaluated(None, tmp_path / "no-run", runs=[dead], announce=said.append, **(given | {"measured": cube}))
+    evaluate(None, out=tmp_path / "no-run", **QUICK, run=[dead], announce=said.append, **(given | {"measured": cube}))
     assert any("a channel of 'mine' is dead or off the line" in line for line in said)
 
 
@@ -155,7 +156,7 @@ def reflectors() -> MeasuredInput:
 def test_the_real_reflectors_have_their_stated_angles(reflectors, tmp_path):
     """By the command of docs/measured.md; the numbers are those of the README beside the file."""
     given: dict[str, Any] = {"methods": ["das", "likes", "omp-cfar", "ml", "music-fbss", "line-fit"], "arrays": []}
-    evaluated(None, tmp_path / "out", measured=reflectors.path, targets=2, announce=str, **given)
+    evaluate(None, out=tmp_path / "out", **QUICK, measured=reflectors.path, targets=2, **given)
     found = values(tmp_path / "out")
     stated = {
         ("ml", "reference"): ([-0.006, 6.985], 0.002), ("das", "first 48"): ([-0.08, 7.00], 0.02),
@@ -188,10 +189,9 @@ def test_every_method_on_all_of_the_real_snapshot_has_the_stated_angles(reflecto
 @pytest.mark.parametrize("name", ["sparse6", "sparse4"])
 def test_a_shipped_network_resolves_the_real_reflectors(reflectors, tmp_path, name):
     """It was trained on simulated cities alone, for an array 3 % wider; its elements are 18 and 12 of the 86."""
-    from trainer.run.pretrained import pretrained_run
 
-    given: dict[str, Any] = {"methods": ["das"], "arrays": [], "targets": 2, "announce": str}
-    evaluated(None, tmp_path / "out", runs=[pretrained_run(name)], measured=reflectors.path, **given)
+    given: dict[str, Any] = {"methods": ["das"], "arrays": [], "targets": 2}
+    evaluate(None, out=tmp_path / "out", **QUICK, pretrained=[name], measured=reflectors.path, **given)
     found = values(tmp_path / "out")
     np.testing.assert_allclose([found["unet", name, f"angle {n} [deg]"] for n in (1, 2)], [0.0, 7.0], atol=0.2)
 
@@ -255,6 +255,6 @@ def test_channels_that_coincide_are_one_element(tmp_path):
     assert found.frame is not None
     expected = found.frame.cells.range_channel[0][found.row][[1, 6]].mean()
     assert found.snapshot[0] == pytest.approx(complex(expected), rel=1e-5)
-    evaluated(None, tmp_path / "out", measured=cube, targets=1, methods=["music-fbss"], announce=str)
+    evaluate(None, out=tmp_path / "out", **QUICK, measured=cube, targets=1, methods=["music-fbss"])
     angle = values(tmp_path / "out")["music-fbss", "full", "angle 1 [deg]"]
     assert angle == pytest.approx(np.rad2deg(np.arctan2(-0.6, 2.4)), abs=1.5)

@@ -15,12 +15,11 @@ from shared.radar import load_radar
 from shared.radar.arrays import AntennaArray, line
 from shared.signal.model_error import NO_MODEL_ERROR_DB, UNCALIBRATED_DB
 from shared.signal.windows import cell_noise_power
+from trainer import predict
 from trainer.data.measurements import open_measurements
 from trainer.run.answers import estimator_answer
 from trainer.run.folder import load_imager
-from trainer.run.options import PredictRequest
 from trainer.run.other_radars import fitted_imager, matching_elements, position_tolerance, training_commands
-from trainer.run.predict import predict
 
 
 def test_the_same_places_in_wavelengths_give_the_same_image(tmp_path):
@@ -86,7 +85,7 @@ def test_the_commands_name_a_preset_where_it_is_one():
 def test_a_capture_of_another_band_is_imaged_by_the_run(tmp_path):
     cube = write_capture(tmp_path / "cube.npz", other_radar(shift_m=0.003))
     said: list[str] = []
-    assert predict(PredictRequest([make_run(tmp_path / "run"), cube], tmp_path / "out"), said.append) == 1
+    assert predict([make_run(tmp_path / "run"), cube], tmp_path / "out", announce=said.append) == 1
     assert len(said) == 3
     table = pq.read_table(tmp_path / "out/images.parquet")
     description = json.loads(table.schema.metadata[b"sparseradar"])
@@ -101,7 +100,7 @@ def test_an_estimator_needs_no_run(tmp_path, method):
     position = (2.0, 0.4, 0.0)
     cube = write_capture(tmp_path / "cube.npz", radar, [position], model_error_db=-20.0, dead_channels=(1,))
     out = tmp_path / "out"
-    assert predict(PredictRequest([cube], out, points=True, points_format="csv", method=method), str) == 1
+    assert predict([cube], out, points=True, points_format="csv", method=method) == 1
     table = pq.read_table(out / "images.parquet")
     description = json.loads(table.schema.metadata[b"sparseradar"])
     assert description["model"] == method

@@ -19,6 +19,7 @@ from shared.physics.errors import InputError
 from shared.signal import if_signal
 from shared.signal.spectrum import select_doppler
 from shared.signal.windows import cell_noise_power, hann
+from trainer import predict
 from trainer.cli.app import app
 from trainer.data.arrays import choose_array
 from trainer.data.cfar import cfar_cells
@@ -27,8 +28,6 @@ from trainer.data.simulation import amplitude_of, in_plane, snapshot
 from trainer.estimators.base import ESTIMATORS
 from trainer.run.detection_files import UNITS, records, write_csv, write_pcd
 from trainer.run.detections import Detections, Sought, find_detections, line_probability
-from trainer.run.options import PredictRequest
-from trainer.run.predict import predict
 from trainer.run.targets_once import hann_envelope_db
 
 ARRAY = ARRAYS["sparse6"]
@@ -278,7 +277,7 @@ def test_a_point_cloud_says_what_it_holds(tmp_path) -> None:
 
 def test_predict_writes_the_list_beside_the_image(tmp_path) -> None:
     data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run", detection=0.0)
-    predict(PredictRequest([run, data], tmp_path / "out", split="test", pictures=False, points=True), lambda _: None)
+    predict([run, data], tmp_path / "out", split="test", pictures=False, points=True)
     table = pq.read_table(tmp_path / "out/images.parquet")
     (found,) = table["detections"].to_pylist()
     assert len(found) >= 6  # one or two targets in every third of 24 range bins, far above the noise
@@ -287,14 +286,14 @@ def test_predict_writes_the_list_beside_the_image(tmp_path) -> None:
     assert [row["amplitude_db"] for row in found] == sorted((row["amplitude_db"] for row in found), reverse=True)
     assert all(0.0 < row["probability"] < 1.0 for row in found)
     assert json.loads(table.schema.metadata[b"sparseradar"])["units"]["detections"] == UNITS
-    predict(PredictRequest([run, data], tmp_path / "plain", split="test", pictures=False), lambda _: None)
+    predict([run, data], tmp_path / "plain", split="test", pictures=False)
     assert pq.read_schema(tmp_path / "plain/images.parquet").names == ["frame_id", "image", "velocity"]
 
 
 @pytest.mark.parametrize("changes", [{}, {"model": "spectral-unet", "target": "class"}])
 def test_a_detection_head_and_a_network_of_probabilities_give_the_probability(tmp_path, changes: dict) -> None:
     data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run", **changes)
-    predict(PredictRequest([run, data], tmp_path / "out", split="test", pictures=False, points=True), lambda _: None)
+    predict([run, data], tmp_path / "out", split="test", pictures=False, points=True)
     (found,) = pq.read_table(tmp_path / "out/images.parquet")["detections"].to_pylist()
     assert len(found) >= 6
     assert all(0.0 < row["probability"] < 1.0 for row in found)
@@ -324,10 +323,7 @@ def test_all_cells_of_a_cube_list_what_the_three_peaks_leave_out(tmp_path) -> No
     listed = {}
     for which in ("peaks", "all"):
         out = tmp_path / which
-        predict(
-            PredictRequest([tmp_path / "cube.npz"], out, method="das", pictures=False, points=True, cells=which),
-            lambda _: None,
-        )  # fmt: skip
+        predict(tmp_path / "cube.npz", out, method="das", pictures=False, points=True, cells=which)
         (found,) = pq.read_table(out / "images.parquet")["detections"].to_pylist()
         listed[which] = [
             any(row["doppler_cell"] == cell and abs(row["u"] - angle) < 0.01 for row in found)
@@ -352,10 +348,7 @@ def test_an_echo_that_migrates_through_range_bins_is_one_line(tmp_path, speed: f
     noise = draw.standard_normal((*echo.shape, 2)).view(complex)[..., 0] * np.sqrt(0.5 * radar.sample_noise_power_w)
     np.savez(tmp_path / "cube.npz", cube=(echo + noise).astype(np.complex64), radar=radar.model_dump_json())
     for which in ("peaks", "all"):
-        request = PredictRequest(
-            [tmp_path / "cube.npz"], tmp_path / which, method="das", pictures=False, points=True, cells=which,
-        )  # fmt: skip
-        predict(request, lambda _: None)
+        predict(tmp_path / "cube.npz", tmp_path / which, method="das", pictures=False, points=True, cells=which)
         (found,) = pq.read_table(tmp_path / which / "images.parquet")["detections"].to_pylist()
         strong = sorted((row for row in found if row["snr_db"] > 20.0), key=lambda row: row["range"])
         np.testing.assert_allclose([row["range"] for row in strong], bins * waveform.range_step_m, atol=0.02)

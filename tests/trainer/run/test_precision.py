@@ -6,15 +6,14 @@ from pathlib import Path
 
 import pytest
 import torch
-from small_evaluation import evaluated, strong_dataset
+from small_evaluation import QUICK, strong_dataset
 from small_fit import run as small_fit
 from tiny_radar import TINY, frame, tiny
 from tiny_run import make_run
 
+from trainer import evaluate, predict
 from trainer.run.folder import load_imager
 from trainer.run.imager import FLOAT32_INSTEAD, in_bfloat16, precision_remark
-from trainer.run.options import PredictRequest
-from trainer.run.predict import predict
 
 WITHOUT: dict[str, bool] = {}
 WITH = [{name: True} for name in ("avx512_bf16", "amx_bf16", "bf16", "sve_bf16")]
@@ -51,10 +50,10 @@ def test_fit_predict_and_evaluate_say_so_once(
     config = TINY.model_copy(update={"precision": "bf16"})
     _, of_fit = small_fit(data, tmp_path / "run", config)
     of_predict: list[str] = []
-    predict(PredictRequest([tmp_path / "run", data], tmp_path / "out", pictures=False), of_predict.append)
+    predict([tmp_path / "run", data], tmp_path / "out", pictures=False, announce=of_predict.append)
     of_evaluate: list[str] = []
-    evaluated(
-        data, tmp_path / "report", runs=[tmp_path / "run"], methods=["unet"], arrays=["full"],
+    evaluate(
+        data, out=tmp_path / "report", **QUICK, run=[tmp_path / "run"], methods=["unet"], arrays=["full"],
         announce=of_evaluate.append,
     )  # fmt: skip
     for lines in (of_fit, of_predict, of_evaluate):

@@ -22,15 +22,14 @@ from shared.signal import if_signal
 from shared.signal.adaptive import adaptive_tables
 from shared.signal.ego_motion import EgoMotion, StaticWorld
 from shared.signal.features import adaptive_features, row_features, snapshot_features, steering_weights
+from trainer import predict
 from trainer.cli.app import app
 from trainer.data.measurements import Cells, Measurement, open_measurements
 from trainer.run.answers import Told, network_answer
 from trainer.run.detection_files import records
 from trainer.run.export import export
 from trainer.run.folder import load_imager
-from trainer.run.options import PredictRequest
 from trainer.run.pictures import save_animation
-from trainer.run.predict import predict
 from trainer.run.predictor import Predictor, merge_peaks
 
 SPECTRAL = {"model": "spectral-unet"}
@@ -45,7 +44,7 @@ def read_images(path):
 
 def test_a_dataset_becomes_images_and_pictures(tmp_path):
     data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run")
-    assert predict(PredictRequest([run, data], tmp_path / "out", split="all"), str) == 5
+    assert predict([run, data], tmp_path / "out", split="all") == 5
     table, images = read_images(tmp_path / "out/images.parquet")
     assert table["frame_id"].to_pylist() == [0, 1, 100, 101, 200]
     description = json.loads(table.schema.metadata[b"sparseradar"])
@@ -87,7 +86,7 @@ def test_a_cube_is_imaged_and_its_target_is_where_it_was_put(tmp_path):
     run = make_run(tmp_path / "run")
     das = load_imager(run)[1].das(torch.from_numpy(measurement.cells.range_channel[:1]))[0].numpy()
     assert RADAR.grid.u[das[row].argmax()] == pytest.approx(0.4 / np.hypot(2.0, 0.4), abs=RADAR.grid.step)
-    assert predict(PredictRequest([run, tmp_path / "cube.npz"], tmp_path / "out"), str) == 1
+    assert predict([run, tmp_path / "cube.npz"], tmp_path / "out") == 1
     assert (tmp_path / "out/cube.png").is_file()
 
 
@@ -102,7 +101,7 @@ def test_of_tx_in_turns_it_is_said_what_is_known_of_velocities(tmp_path):
     np.savez(tmp_path / "cube.npz", cube=cube.astype(np.complex64), radar=radar.model_dump_json())
     said: list[str] = []
     run = run_of(tmp_path / "run", radar, tiny())
-    assert predict(PredictRequest([run, tmp_path / "cube.npz"], tmp_path / "out", pictures=False), said.append) == 1
+    assert predict([run, tmp_path / "cube.npz"], tmp_path / "out", pictures=False, announce=said.append) == 1
     assert "resolve 2 Doppler intervals of 12 m/s; velocities hold from -12 to 12 m/s" in said[0]
     table, images = read_images(tmp_path / "out/images.parquet")
     assert json.loads(table.schema.metadata[b"sparseradar"])["conventions"]["velocity"] == said[0]
@@ -260,7 +259,7 @@ def moving_dataset(path, speed):
 def test_lines_that_do_not_fit_the_static_world_are_marked(tmp_path, speed):
     """Beyond the Doppler axis of +-12 m/s. The frame's pose looks along the world's y, as the car goes."""
     data, out = moving_dataset(tmp_path / "data", speed), tmp_path / "out"
-    predict(PredictRequest([data], out, method="likes-view-ego", pictures=False, points=True), str)
+    predict([data], out, method="likes-view-ego", pictures=False, points=True)
     table = pq.read_table(out / "images.parquet")
     assert table["motion"].to_pylist() == [
         {"forward": pytest.approx(speed), "left": pytest.approx(0.0, abs=1e-9), "forward_std": 0.0, "left_std": 0.0}
@@ -281,7 +280,7 @@ def test_the_command_goes_before_the_file_and_the_file_before_the_frame(tmp_path
     def motion(**changes):
         out = tmp_path / f"out-{len(list(tmp_path.iterdir()))}"
         request = {"method": "das", "pictures": False, "points": True, **changes}
-        predict(PredictRequest([tmp_path / "cube.npz"], out, **request), said.append)
+        predict([tmp_path / "cube.npz"], out, announce=said.append, **request)
         table = pq.read_table(out / "images.parquet")
         return table["motion"].to_pylist()[0], table["detections"].to_pylist()[0]
 
@@ -319,10 +318,9 @@ def test_cubes_one_by_one_give_what_the_command_gives(tmp_path, model: str) -> N
         cubes.append((echo + noise).astype(np.complex64))
     np.savez(tmp_path / "cube.npz", cube=np.stack(cubes), radar=radar.model_dump_json())
     method, pretrained = (model, None) if model == "das" else (None, model)
-    request = PredictRequest(
-        [tmp_path / "cube.npz"], tmp_path / "out", method=method, pretrained=pretrained, pictures=False, points=True
-    )
-    predict(request, str)
+    predict(
+        tmp_path / "cube.npz", tmp_path / "out", method=method, pretrained=pretrained, pictures=False, points=True
+    )  # fmt: skip
     table = pq.read_table(tmp_path / "out" / "images.parquet")
     predictor = Predictor.load(model, radar)
     for number, cube in enumerate(cubes):

@@ -7,13 +7,10 @@ from tiny_radar import RADAR, TINY, frame, write_dataset
 
 from shared.radar.arrays import line
 from shared.signal.features import steering_weights
+from trainer import fit, predict
 from trainer.run.export import export
 from trainer.run.folder import CHECKPOINT
-from trainer.run.options import PredictRequest
-from trainer.run.predict import predict
 from trainer.training.doa import AMPLITUDE_SPAN_DB, DoaSamples, DoaTask
-from trainer.training.fit import fit
-from trainer.training.options import FitRequest
 
 DOA = TINY.model_copy(
     update={"model": "doa-cnn", "features": "covariance", "target": "doa", "width": 8, "rows": 16, "foreground": 0.0}
@@ -49,7 +46,7 @@ def test_it_trains_resumes_predicts_and_exports(tmp_path, monkeypatch):
     frames = {"train": [frame(0, WIDE)], "validation": [frame(1, WIDE)], "test": [frame(2, WIDE)]}
     data = write_dataset(tmp_path / "data", frames, WIDE)
     lines: list[str] = []
-    fit(FitRequest([data], tmp_path / "whole", config=DOA, array="full"), lines.append)
+    fit([data], tmp_path / "whole", config=DOA, array="full", announce=lines.append)
     original = DoaTask.training_step
 
     def killed(self, batch, batch_index):
@@ -59,11 +56,11 @@ def test_it_trains_resumes_predicts_and_exports(tmp_path, monkeypatch):
 
     monkeypatch.setattr(DoaTask, "training_step", killed)
     with pytest.raises(MemoryError):
-        fit(FitRequest([data], tmp_path / "killed", config=DOA, array="full"), lines.append)
+        fit([data], tmp_path / "killed", config=DOA, array="full", announce=lines.append)
     monkeypatch.undo()
-    fit(FitRequest([data], tmp_path / "killed", config=DOA, array="full", resume=True), lines.append)
+    fit([data], tmp_path / "killed", config=DOA, array="full", resume=True, announce=lines.append)
     states = [torch.load(tmp_path / name / CHECKPOINT, weights_only=True) for name in ("whole", "killed")]
     for key, tensor in states[0]["state_dict"].items():
         assert torch.equal(tensor, states[1]["state_dict"][key]), key
-    assert predict(PredictRequest([tmp_path / "whole", data], tmp_path / "images"), lines.append) == 1
+    assert predict([tmp_path / "whole", data], tmp_path / "images", announce=lines.append) == 1
     assert export(tmp_path / "whole", tmp_path / "doa.onnx").difference <= 1e-4

@@ -18,15 +18,12 @@ from shared.dataset.locations import RemotePath
 from shared.physics.errors import InputError
 from shared.signal.imaging import steering_matrix
 from shared.signal.signal import manifold
+from trainer import fit, predict
 from trainer.data.shards import ShardDataset
 from trainer.run.configuration import CALIBRATED, FitConfig
 from trainer.run.folder import METRICS, WEIGHTS, load_imager, read_run, save_weights
 from trainer.run.imager import Imager
-from trainer.run.options import PredictRequest
-from trainer.run.predict import predict
 from trainer.training.datamodule import ImagingData
-from trainer.training.fit import fit
-from trainer.training.options import FitRequest
 
 
 def test_eight_frames_are_learned_by_heart(dataset, tmp_path):
@@ -192,7 +189,7 @@ def test_a_dataset_in_another_place_trains_the_same_weights(dataset, ordinary, t
         for file in (WEIGHTS, METRICS, "run.json", "verdict.json"):
             assert (tmp_path / name / file).read_bytes() == (ordinary / file).read_bytes(), file
     for name, source in (("local", dataset), ("remote", place)):
-        predict(PredictRequest([ordinary, source], tmp_path / f"images-{name}"), str)
+        predict([ordinary, source], tmp_path / f"images-{name}")
     assert (tmp_path / "images-remote/images.parquet").read_bytes() == (
         tmp_path / "images-local/images.parquet"
     ).read_bytes()
@@ -262,21 +259,21 @@ def test_too_few_frames_are_refused(tmp_path):
 
 def test_the_run_says_what_it_has_seen_and_goes_on_with_it_alone(tmp_path):
     folder = city(tmp_path / "city")
-    fit(FitRequest([folder], tmp_path / "run", config=tiny(frames=4, steps=2), array="full", **BESIDES), str)
+    fit([folder], tmp_path / "run", config=tiny(frames=4, steps=2), array="full", **BESIDES)
     run = read_run(tmp_path / "run")
     assert run.config.frames == 4
     assert run.datasets[0].frames == {"train": 3, "validation": 1, "test": 0}
     assert run.datasets[0].scenes is None
     changed = tiny(frames=8, steps=2)
     with pytest.raises(InputError, match=r"frames is 8, but the run in .* had 4"):
-        fit(FitRequest([folder], tmp_path / "run", config=changed, array="full", resume=True, **BESIDES), str)
+        fit([folder], tmp_path / "run", config=changed, array="full", resume=True, **BESIDES)
 
 
 def test_the_same_frames_and_seed_are_the_same_weights(tmp_path):
     """What lies behind the first frames changes nothing, in the best weights nor in the last, which saw all steps."""
     long, short = city(tmp_path / "long", 16), city(tmp_path / "short", 8)
     for name, folder, frames in (("a", long, 8), ("b", short, 0)):
-        fit(FitRequest([folder], tmp_path / name, config=tiny(frames=frames, steps=2), array="full", **BESIDES), str)
+        fit([folder], tmp_path / name, config=tiny(frames=frames, steps=2), array="full", **BESIDES)
     one, other = (tmp_path / name for name in "ab")
     assert (one / WEIGHTS).read_bytes() == (other / WEIGHTS).read_bytes()
     last = last_state(other)

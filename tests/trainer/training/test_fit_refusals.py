@@ -10,10 +10,9 @@ from small_fit import run
 from tiny_radar import RADAR, TINY, frame, write_dataset
 
 from shared.physics.errors import InputError
+from trainer import fit
 from trainer.errors import TrainingStopped
 from trainer.run.folder import WEIGHTS, load_imager, save_weights
-from trainer.training.fit import fit
-from trainer.training.options import FitRequest
 
 
 def test_an_infinite_input_stops_with_its_frame_and_keeps_the_weights(dataset, tmp_path, monkeypatch):
@@ -49,7 +48,7 @@ def test_datasets_of_different_radars_are_not_mixed(dataset, tmp_path):
     frames = {"train": [frame(0, other)], "validation": [frame(1, other)]}
     second = write_dataset(tmp_path / "other", frames, other)
     with pytest.raises(InputError, match=r"other: radar 'tiny', waveform.bandwidth_hz = 2000000000.0; expected 10000"):
-        fit(FitRequest([dataset, second], tmp_path / "run", config=TINY, array="full"))
+        fit([dataset, second], tmp_path / "run", config=TINY, array="full")
 
 
 def test_weights_that_are_no_whole_network_of_the_run_are_named(dataset, ordinary, tmp_path):

@@ -10,6 +10,7 @@ from small_evaluation import FULL, RADAR, THIN, strong_dataset, strong_frame
 from tiny_radar import RADAR as NEAR_RADAR
 from tiny_radar import TINY, small_dataset, write_dataset
 
+from trainer import fit
 from trainer.evaluation.experiments.contenders import estimator_contender
 from trainer.evaluation.experiments.frames import score_frame
 from trainer.metrics.bootstrap import Interval
@@ -19,8 +20,6 @@ from trainer.run.answers import array_answer
 from trainer.run.folder import METRICS, Run, load_imager, read_validations, save_weights, write_run
 from trainer.run.imager import Imager
 from trainer.training import verdict as module
-from trainer.training.fit import fit
-from trainer.training.options import FitRequest
 from trainer.training.verdict import NAMES, PICTURE, VERDICT, VIEWS, Verdict, judge
 
 WHOLE = {"model": "spectral-unet", "features": "adaptive"}
@@ -77,7 +76,7 @@ class Nothing(torch.nn.Module):
 
 
 def verdict_of(run, datasets):
-    found = judge(run, datasets, announce=str)
+    found = judge(run, datasets)
     assert found is not None
     return found
 
@@ -183,7 +182,7 @@ def test_a_radar_that_ends_before_the_first_truth_cell_has_no_average_precision(
 def test_fit_ends_with_the_verdict_of_its_best_weights(tmp_path):
     data = strong_dataset(tmp_path / "data", training=8)
     lines: list[str] = []
-    fit(FitRequest([data], tmp_path / "run", config=TINY, array="full"), lines.append)
+    fit([data], tmp_path / "run", config=TINY, array="full", announce=lines.append)
     assert lines[-2].startswith("test split, 1 frames")
     assert lines[-1] == "Whether training helped cannot be said of so few frames."
     document = json.loads((tmp_path / "run" / VERDICT).read_text())
@@ -215,7 +214,7 @@ def test_the_run_it_began_with_is_scored_as_by_itself_and_the_differences_are_pa
 def fit_of(data, out, rate):
     """The verdict that a fit from random weights ends with."""
     config = TINY.model_copy(update={"learning_rate": rate})
-    fit(FitRequest([data], out, config=config, array="full", start=None), str)
+    fit([data], out, config=config, array="full", start=None)
     return json.loads((out / VERDICT).read_text())
 
 

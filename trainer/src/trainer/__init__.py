@@ -1,6 +1,8 @@
 """Radar datasets to networks that image sharper than the array.
 
-The names here are imported when they are first used, so that ``import trainer`` loads neither PyTorch nor Lightning.
+The functions ``fit``, ``predict``, ``evaluate``, ``export``, ``import_capture`` and ``calibrate`` are those behind the
+commands. All names are imported when they are first used, so that ``import trainer`` loads neither PyTorch nor
+Lightning.
 What this module names is stable; other modules may change.
 """
 
@@ -11,15 +13,21 @@ from shared.processes.lazy import lazy_names
 if TYPE_CHECKING:
     from shared.physics.errors import InputError as InputError
     from trainer import estimators as estimators
+    from trainer.captures.calibrating import calibrate as calibrate
+    from trainer.captures.importing import import_capture as import_capture
     from trainer.data.arrays import choose_array as choose_array
     from trainer.data.dataset import Example as Example
     from trainer.data.dataset import RadarDataset as RadarDataset
+    from trainer.evaluation.evaluate import evaluate as evaluate
+    from trainer.run.export import export as export
     from trainer.run.folder import Run as Run
     from trainer.run.folder import load_imager as load_imager
     from trainer.run.imager import Imager as Imager
+    from trainer.run.predict import predict as predict
     from trainer.run.predictor import Predictor as Predictor
     from trainer.run.pretrained import pretrained_names as pretrained_names
     from trainer.run.pretrained import pretrained_run as pretrained_run
+    from trainer.training.fit import fit as fit
 
 __version__: str
 __all__ = [
@@ -29,9 +37,15 @@ __all__ = [
     "Predictor",
     "RadarDataset",
     "Run",
+    "calibrate",
     "choose_array",
     "estimators",
+    "evaluate",
+    "export",
+    "fit",
+    "import_capture",
     "load_imager",
+    "predict",
     "pretrained_names",
     "pretrained_run",
 ]
@@ -46,9 +60,15 @@ __getattr__, __dir__ = lazy_names(
         "Predictor": "trainer.run.predictor",
         "RadarDataset": "trainer.data.dataset",
         "Run": "trainer.run.folder",
+        "calibrate": "trainer.captures.calibrating",
         "choose_array": "trainer.data.arrays",
         "estimators": "trainer.estimators",
+        "evaluate": "trainer.evaluation.evaluate",
+        "export": "trainer.run.export",
+        "fit": "trainer.training.fit",
+        "import_capture": "trainer.captures.importing",
         "load_imager": "trainer.run.folder",
+        "predict": "trainer.run.predict",
         "pretrained_names": "trainer.run.pretrained",
         "pretrained_run": "trainer.run.pretrained",
     },

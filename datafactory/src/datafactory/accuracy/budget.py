@@ -24,7 +24,6 @@ from datafactory.accuracy.knobs import DEFAULT, POWER_KNOBS, REFERENCE_DEPTH, SI
 from datafactory.accuracy.looking import Cells, made, reference_of
 from datafactory.accuracy.power import Errors, Kept, peak_error, power_error, relative_l2, worst_of
 from datafactory.accuracy.prices import Choice, Prices, choose, measure_prices
-from datafactory.defaults import Announce, Progress
 from datafactory.frame.deal import Deal
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.preparation import Order, prepare
@@ -34,6 +33,7 @@ from shared.dataset.locations import Location
 from shared.dataset.manifest import write_manifest
 from shared.dataset.reading import read_frame
 from shared.physics.errors import InputError
+from shared.processes.telling import Announce, Progress
 
 FRAMES = 2
 """Frames of each scene that are measured, spread over the run."""

@@ -11,10 +11,10 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from datafactory.defaults import Announce
 from shared.dataset.documents import code_fingerprint, digest, read_json, sealed, unsealed
 from shared.dataset.writing import write_json
 from shared.physics.errors import InputError
+from shared.processes.telling import Announce
 
 Model = TypeVar("Model", bound=BaseModel)
 

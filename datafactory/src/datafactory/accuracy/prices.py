@@ -25,8 +25,8 @@ from pydantic import BaseModel
 from datafactory.accuracy.knobs import KNOBS, POWER_KNOBS, REFERENCE_DEPTH, SIGNAL_KNOBS, KnobSettings, Menu, Sample
 from datafactory.accuracy.looking import Clock, Outcome, made, reference_of
 from datafactory.accuracy.power import Errors, Kept, paired_error, peak_error, power_error, relative_l2
-from datafactory.defaults import Progress
 from datafactory.paths.solver import TraceSettings
+from shared.processes.telling import Progress
 from shared.radar import Radar
 
 PASS_S = 0.17

@@ -24,12 +24,12 @@ from datafactory.accuracy.knobs import (
 from datafactory.accuracy.looking import STAGES, Clock, made, write_seconds
 from datafactory.accuracy.power import Errors, Kept, level_db, worst_db
 from datafactory.accuracy.prices import Bench, Price, Prices, front, power_price, predicted, work
-from datafactory.defaults import Announce, Progress
 from datafactory.frame.chain import ChainSettings
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.memory import Load, amount, rays_that_fit
 from shared.physics.errors import InputError
 from shared.processes.machine import usable_memory
+from shared.processes.telling import Announce, Progress
 from shared.radar import Radar
 
 DEFAULTS, FRONT = "defaults", "front"

@@ -14,7 +14,7 @@ from datafactory.accuracy.knobs import Menu, menu_for
 from datafactory.api.asking import materials_of, order_of
 from datafactory.api.options import ConvertOptions, MergeOptions, OrderOptions, RenderOptions, TraceOptions
 from datafactory.api.turns import in_turn
-from datafactory.defaults import AUTO_DEVICE, CPU, CUDA, LOCAL, Progress
+from datafactory.defaults import AUTO_DEVICE, CPU, CUDA, LOCAL
 from datafactory.run import merging, pipeline
 from datafactory.run.pipeline import Execution, Report
 from datafactory.run.portions import opened
@@ -27,6 +27,7 @@ from shared.dataset.locations import local, locate
 from shared.dataset.writing import atomic_folder
 from shared.physics.errors import InputError
 from shared.processes.declared import common, taking
+from shared.processes.telling import Progress
 
 MCAP = "mcap"
 

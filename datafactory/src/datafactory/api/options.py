@@ -25,12 +25,11 @@ from datafactory.defaults import (
     LOCAL,
     MOST_RAYS,
     SMALLEST_BUDGET_DB,
-    Announce,
-    Progress,
 )
 from datafactory.scenes.city.rules import MOST_BLOCKS, Style
 from shared.processes.declared import Option, Options
 from shared.processes.defaults import ANGLE_WINDOWS, DEFAULT_RADAR, LARGEST_SEED, STORES
+from shared.processes.telling import TellingOptions
 
 if TYPE_CHECKING:
     from datafactory.frame.points import PointTargets
@@ -55,10 +54,6 @@ MaterialsLike: TypeAlias = "str | Path | MaterialTable"
 TargetsLike: TypeAlias = "str | Path | Sequence[PointTargets]"
 """The path of a JSON file, see :func:`datafactory.frame.points.read_targets`, or the targets of each frame."""
 Effects: TypeAlias = str | Collection[str]
-
-
-def silent(*_: object) -> None:
-    """An :data:`Announce` and a :data:`Progress` that do nothing."""
 
 
 # Not formatted: an option is read as a whole, in two or three lines.
@@ -217,14 +212,6 @@ class RunOptions(DeviceOptions):
     shard: Annotated[str | None, Option(
         "Make the shards of job I of N alone, I from 0 to N - 1, into DIR/job-I-of-N; `datafactory merge` joins "
         "the jobs.", metavar="I/N")] = None
-
-
-class TellingOptions(Options):
-    """Who is told what is done."""
-
-    announce: Annotated["Announce", Option("Takes lines for the user.", shown=False)] = silent
-    progress: Annotated["Progress", Option(
-        "Takes what is being done, how much of it is done, and of how much.", shown=False)] = silent
 
 
 # What functions and commands take. Of several groups the last one's options come first.

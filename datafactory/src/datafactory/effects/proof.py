@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.defaults import Progress
 from datafactory.effects.catalogue import ALL, NAMES, NO_CHOICE, EffectSet
 from datafactory.effects.plan import FLOOR_DB, EffectPlan
 from datafactory.frame.chain import (
@@ -27,6 +26,7 @@ from datafactory.frame.chain import (
 from datafactory.frame.measurement import image
 from datafactory.paths.cells import UNPRUNED_DB, cell_power
 from shared.physics.units import amplitude_to_db, power_to_db
+from shared.processes.telling import Progress
 from shared.radar import Radar
 from shared.signal.imaging import delay_and_sum
 from shared.signal.spectrum import DopplerSelection, selection_at

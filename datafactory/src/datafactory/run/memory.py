@@ -20,7 +20,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from datafactory.defaults import CPU, CUDA, Announce
+from datafactory.defaults import CPU, CUDA
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.measurement import Processing
 from datafactory.run.shards import FRAMES_PER_SHARD, MOST_FRAMES
@@ -29,6 +29,7 @@ from shared.dataset.folder import SPLITS
 from shared.dataset.locations import Location, RemotePath, file_size
 from shared.physics.errors import InputError
 from shared.processes.machine import may_start_processes, usable_cores, usable_memory
+from shared.processes.telling import Announce
 from shared.radar import Radar
 
 BASE_BYTES = 500e6

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from datafactory.defaults import LOCAL, Announce, Progress
+from datafactory.defaults import LOCAL
 from datafactory.run.memory import free_bytes
 from datafactory.run.pipeline import Report, total_counts
 from datafactory.run.progress import (
@@ -36,6 +36,7 @@ from shared.dataset.folder import MANIFEST
 from shared.dataset.manifest import read_manifest
 from shared.dataset.writing import PARTIAL, atomic
 from shared.physics.errors import InputError
+from shared.processes.telling import Announce, Progress
 from shared.radar import validated
 
 MOST_RANGES = 12

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from datafactory.defaults import CPU, LOCAL, Announce, Progress
+from datafactory.defaults import CPU, LOCAL
 from datafactory.effects.catalogue import ALL
 from datafactory.frame.deal import Deal
 from datafactory.frame.points import require_close_targets
@@ -28,6 +28,7 @@ from shared.dataset import VERSION
 from shared.dataset.documents import digest
 from shared.dataset.locations import Location
 from shared.physics.compiled import is_kept
+from shared.processes.telling import Announce, Progress, silent
 from shared.radar import Radar
 from shared.signal.tdm import statement
 
@@ -70,8 +71,8 @@ class Execution:
     keep_going: bool = False
     job: ArrayJob | None = None
     engine: Engine = field(default_factory=Engine)
-    announce: Announce = lambda line: None
-    advance: Progress = lambda stage, done, total: None
+    announce: Announce = silent
+    advance: Progress = silent
 
 
 def produce(recipe: Recipe, execution: Execution, started: float) -> Report:

@@ -20,7 +20,7 @@ from typing import IO, Any, TypeVar
 import pyarrow as pa
 from threadpoolctl import threadpool_limits
 
-from datafactory.defaults import LOCAL, RAY, Announce
+from datafactory.defaults import LOCAL, RAY
 from datafactory.frame.chain import ChainSettings, PointSource, SceneSource, Source, StoredSource, make_frames
 from datafactory.frame.deal import Deal, PreparedScene
 from datafactory.frame.measurement import Hook
@@ -35,6 +35,7 @@ from shared.dataset.locations import Location
 from shared.physics.errors import InputError
 from shared.processes.machine import keep_freed_memory
 from shared.processes.pool import Pool, Processes, ThisProcess, WorkerPool
+from shared.processes.telling import Announce
 from shared.radar import Radar
 
 Value = TypeVar("Value")

@@ -13,7 +13,7 @@ from typing import Any
 
 from pydantic import BaseModel, TypeAdapter
 
-from datafactory.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN, DEFAULT_RAYS, Announce
+from datafactory.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN, DEFAULT_RAYS
 from datafactory.effects.catalogue import ALL, NO_CHOICE, PATH_EFFECTS, EffectSet
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.deal import PreparedScene, StoredRow, Wanted, dealt
@@ -30,6 +30,7 @@ from shared.dataset import arrow_schema, description
 from shared.dataset.locations import Location
 from shared.dataset.manifest import MANIFEST, ShardRecord, read_manifest, shard_records
 from shared.physics.errors import InputError
+from shared.processes.telling import Announce
 from shared.radar import Radar, validated
 from shared.radar.waveform import Waveform
 from shared.signal.tdm import statement

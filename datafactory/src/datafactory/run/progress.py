@@ -54,7 +54,7 @@ class FinishedShard(BaseModel, frozen=True, extra="forbid"):
 
 
 @dataclass(frozen=True)
-class Progress:
+class KeptShards:
     """What a resumed run need not do again.
 
     :param shards: finished shards whose size and SHA-256 are still right, see :func:`is_as_recorded`
@@ -140,13 +140,13 @@ def record_finished(directory: Location, plan: ShardPlan, finished: FinishedShar
     write_json(_note(directory, plan), sealed(finished.model_dump()))
 
 
-def completed(directory: Location, plans: Iterable[ShardPlan], fingerprint: str) -> Progress:
+def completed(directory: Location, plans: Iterable[ShardPlan], fingerprint: str) -> KeptShards:
     """The shards of ``plans`` that an earlier run finished, each checked by its size and SHA-256."""
     noted = set(file_names(directory / FOLDER))
     there = [plan for plan in plans if _note(directory, plan).name in noted]
     found = _of_each(lambda plan: _finished(directory, plan, fingerprint), there, directory)
     shards = {plan: finished for plan, finished in zip(there, found, strict=True) if finished is not None}
-    return Progress(shards, tuple(plan.path for plan in there if plan not in shards))
+    return KeptShards(shards, tuple(plan.path for plan in there if plan not in shards))
 
 
 def _of_each(function: Callable[[Item], Value], items: Sequence[Item], directory: Location) -> list[Value]:

@@ -8,10 +8,12 @@ function's parameters of the fields, and :func:`shared.cli.options.asking` a com
 
 import inspect
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import update_wrapper
 from numbers import Integral, Real
+from os import PathLike
+from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, ClassVar, ForwardRef, NamedTuple, ParamSpec, TypeVar, dataclass_transform, get_args
 
@@ -25,8 +27,9 @@ HEADINGS = ("", "Scene", "Sensor", "Sampling", "Effects and accuracy", "Output",
 """Of groups, in the order in which help has them; the first is for all others."""
 
 
-PLAIN: dict[type, tuple[type, str]] = {
-    int: (Integral, "a whole number"), float: (Real, "a number"), str: (str, "a text"), NoneType: (NoneType, "None")
+PLAIN: dict[type, tuple[type | tuple[type, ...], str]] = {
+    int: (Integral, "a whole number"), float: (Real, "a number"), str: (str, "a text"), NoneType: (NoneType, "None"),
+    Path: ((str, PathLike), "a path"),
 }  # fmt: skip
 """Types that are checked: what a value is to be, and how a user is told. Of other types any value is taken here."""
 
@@ -49,6 +52,7 @@ class Option:
         rest
     :param otherwise: what help says in words in place of a default
     :param there: the default on the command line, where it is another one
+    :param several: whether it is a sequence, for which a function takes a lone value as well
     :param shown: whether commands have it
     :param first: whether a newcomer needs it: help shows these before the others, which stand under headings
     """
@@ -67,6 +71,7 @@ class Option:
     usual: Any = None
     otherwise: str | None = None
     there: Any = None
+    several: bool = False
     shown: bool = True
     first: bool = False
 
@@ -89,7 +94,7 @@ class Declared(NamedTuple):
     option: Option
 
     def checked(self, value: Any) -> Any:
-        """The value, a number of another library as Python's own.
+        """The value, a number of another library as Python's own, a path's text as a path.
 
         :raises InputError: none of the choices, a value of another type than a plain one, or out of bounds
         """
@@ -104,7 +109,9 @@ class Declared(NamedTuple):
             raise InputError(self.flag, repr(value), bounds)
         if isinstance(value, Real) and (int in kinds or float in kinds):
             return int(value) if isinstance(value, Integral) else float(value)
-        return value
+        if self.option.several and value is not None:
+            return tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else (value,)
+        return Path(value) if Path in kinds and str not in kinds and value is not None else value
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(field,))
@@ -178,7 +185,8 @@ def meaning(option: Option, names: Mapping[str, str]) -> str:
     """
     said = re.sub(r"--[a-z][a-z-]*", lambda flag: names.get(flag[0], flag[0]), option.help)
     usual = "" if option.usual is None else f"{option.usual} by default."
-    return " ".join(filter(None, (said, usual, option.python)))
+    lone = "A lone one needs no list." if option.several else ""
+    return " ".join(filter(None, (said, usual, option.python, lone)))
 
 
 def either(names: Iterable[str]) -> str:

@@ -22,7 +22,7 @@ which is why the best angle nearby is told too. One capture fits itself; it says
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -33,12 +33,13 @@ from scipy.optimize import minimize_scalar
 from shared.dataset.writing import require_new_file
 from shared.physics.errors import InputError
 from shared.physics.units import amplitude_to_db, power_to_db
+from shared.processes.declared import taking
 from shared.radar import Radar
 from shared.signal.signal import if_signal_of_delays, round_trip_delays
 from shared.signal.windows import hann
 from trainer.captures.calibration import Calibration, Reflector, write_calibration
 from trainer.captures.importing import RawCapture, read_capture
-from trainer.captures.options import Reading
+from trainer.captures.options import CalibrateOptions
 from trainer.captures.samples import without_echo
 
 SEARCH_BINS = 3.0
@@ -101,36 +102,38 @@ class Left:
     mirrored_db: float
 
 
-def calibrate(
-    places: Sequence[Place],
-    out: Path,
-    reading: Reading,
-    check: Place | None = None,
-    announce: Callable[[str], object] = print,
-) -> Calibration:
-    """Measure a board's channels and write them to ``out``, a TOML file.
+@taking(CalibrateOptions)
+def calibrate(asked: CalibrateOptions) -> Calibration:
+    """Measure a board's channels and write them to ``out``, a TOML file, as ``trainer calibrate`` does.
 
-    :param check: another capture, whose residual becomes the model error; without it that of each capture after
-        calibration with the others, where there are several
+    The residual of ``check`` becomes the model error; without it that of each capture after calibration with the
+    others, where there are several.
+
+    >>> calibrate("iwr1843", captures="corner.bin", ranges=5.02, angles=0.0, out="calibration.toml")  # doctest: +SKIP
+
     :raises InputError: a capture that cannot be read or without a reflector at the stated place
     """
+    out, board, check = asked.out, asked.board, None
+    places = [Place(Path(item), *at) for item, *at in zip(asked.captures, asked.ranges, asked.angles, strict=True)]
+    if asked.check is not None and asked.check_range is not None and asked.check_angle is not None:
+        check = Place(asked.check, asked.check_range, asked.check_angle)
     require_new_file(out, ".toml")
-    captures = [_average(read_capture(place.source, reading)) for place in places]
+    captures = [_average(read_capture(place.source, asked)) for place in places]
     for capture, place in zip(captures, places, strict=True):
         if capture.radar != captures[0].radar:
             raise InputError(place.source, "other chirps than the first capture", "the same")
-    calibration = _fit(captures, places, reading.board)
+    calibration = _fit(captures, places, board)
     lines = [
         f"{place.source}: leaves {residual(capture, place, calibration).stated_db:.1f} dB (it was fitted to it)"
         for capture, place in zip(captures, places, strict=True)
     ]
     tried: list[tuple[RawCapture, Place, Calibration]] = []
     if check is not None:
-        tried.append((read_capture(check.source, reading), check, calibration))
+        tried.append((read_capture(check.source, asked), check, calibration))
     elif len(places) > 1:
         for index, place in enumerate(places):
             others = [i for i in range(len(places)) if i != index]
-            fitted = _fit([captures[i] for i in others], [places[i] for i in others], reading.board)
+            fitted = _fit([captures[i] for i in others], [places[i] for i in others], board)
             tried.append((captures[index], place, fitted))
     if tried:
         left = [residual(*one) for one in tried]
@@ -142,7 +145,7 @@ def calibrate(
         lines.append("what another reflector leaves is not known: --check CAPTURE --check-range R --check-angle A")
     write_calibration(out, calibration)
     for line in (*_summary(out, calibration), *lines):
-        announce(line)
+        asked.announce(line)
     return calibration
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from shared.dataset.locations import sha256_of
 from shared.dataset.writing import require_new_file
 from shared.physics.errors import InputError, require_utf8
 from shared.physics.units import amplitude_to_db, dbm_to_watt, power_to_db
+from shared.processes.declared import taking
 from shared.radar import CaptureRadar, Radar, board_radar, load_capture_radar
 from shared.radar.boards import BOARDS
 from trainer.captures.array_files import read_array_capture
@@ -21,7 +21,7 @@ from trainer.captures.binary_files import DEVICES, LANES, Lanes, cascade_files, 
 from trainer.captures.calibration import Calibration, read_calibration
 from trainer.captures.cascade_calibration import is_cascade_calibration, read_cascade_calibration
 from trainer.captures.cube_file import Capture, Scale, measured_noise, write_cube
-from trainer.captures.options import Reading
+from trainer.captures.options import ImportOptions, Reading
 from trainer.captures.reading import SUFFIXES, read_arrays
 from trainer.captures.samples import (
     FULL_SCALE,
@@ -58,30 +58,32 @@ class RawCapture:
     notes: tuple[str, ...]
 
 
-def import_capture(
-    source: Path, out: Path, reading: Reading, calibration: Path | None, announce: Callable[[str], object] = print
-) -> Capture:
-    """Read a capture and write it to ``out``, in one step, as a cube (:mod:`trainer.captures.cube_file`).
+@taking(ImportOptions)
+def import_capture(asked: ImportOptions) -> Capture:
+    """Read a capture and write it to ``out``, in one step, as ``trainer import`` does.
 
-    :param calibration: file of ``trainer calibrate``, or of TI's scripts for the cascade, to apply
+    >>> import_capture("iwr1843", capture="adc_data.bin", out="cube.npz")  # doctest: +SKIP
+
+    :returns: what the cube's file says of it (:mod:`trainer.captures.cube_file`)
     :raises InputError: a capture that does not fit board and chirps, a calibration of another board or waveform, an
         ``out`` that is no .npz or there already
     """
+    source, out, calibration = asked.capture, asked.out, asked.calibration
     require_new_file(out, ".npz")
-    found = None if calibration is None else _calibration(calibration, reading)
-    raw = read_capture(source, reading)
+    found = None if calibration is None else _calibration(calibration, asked)
+    raw = read_capture(source, asked)
     cube, dead = raw.cube, raw.dead
     if found is not None:
         cube, dead = found.applied(cube, raw.radar), tuple(sorted({*dead, *found.dead_channels}))
     capture = Capture(
-        source=source.name, source_sha256=raw.sha256, board=reading.board, frames=len(cube),
+        source=source.name, source_sha256=raw.sha256, board=asked.board, frames=len(cube),
         scale=raw.scale, noise_power=measured_noise(cube, raw.radar, dead),
         calibration=None if calibration is None else sha256_of(calibration),
         model_error_db=None if found is None else found.model_error_db, dead_channels=dead,
     )  # fmt: skip
     write_cube(out, cube, raw.radar, capture)
     for line in (*raw.notes, *_summary(out, cube, raw.radar, capture)):
-        announce(line)
+        asked.announce(line)
     return capture
 
 

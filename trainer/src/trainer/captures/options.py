@@ -1,5 +1,6 @@
 """How captures are read, imported and calibrated with: see :mod:`shared.processes.declared`."""
 
+from collections.abc import Sequence
 from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Literal
@@ -7,6 +8,7 @@ from typing import Annotated, Literal
 from shared.physics.errors import InputError
 from shared.processes.declared import Option, Options, either
 from shared.processes.defaults import BOARD_NAMES
+from shared.processes.telling import AnnouncingOptions
 
 Order = Literal["iq", "qi"]
 
@@ -46,7 +48,7 @@ class Reading(BoardOptions):
             raise InputError("--order", f"{self.order!r}", "iq or qi")
 
 
-class CubeOptions(BoardOptions):
+class CubeOptions(AnnouncingOptions, BoardOptions):
     capture: Annotated[Path, Option(
         "A .bin of a DCA1000, the folder of a cascade, .npy, .npz, .mat or HDF5.", flag=None)]
     out: Annotated[Path, Option("The cube, a .npz.")]
@@ -58,10 +60,13 @@ class ImportOptions(Reading, CubeOptions):
     """What is imported, and how it is read."""
 
 
-class ReflectorOptions(BoardOptions):
-    captures: Annotated[list[Path], Option("Captures of a reflector, or a calibrateResults.mat.", flag=None)]
-    ranges: Annotated[list[float], Option("Of the reflector [m]; once for each capture.", flag="--range")]
-    angles: Annotated[list[float], Option("Its azimuth [deg], positive to the left.", flag="--angle")]
+class ReflectorOptions(AnnouncingOptions, BoardOptions):
+    captures: Annotated["Sequence[Path | str]", Option(
+        "Captures of a reflector, or a calibrateResults.mat.", typed=list[Path], flag=None, several=True)]
+    ranges: Annotated["Sequence[float]", Option(
+        "Of the reflector [m]; once for each capture.", typed=list[float], flag="--range", several=True)]
+    angles: Annotated["Sequence[float]", Option(
+        "Its azimuth [deg], positive to the left.", typed=list[float], flag="--angle", several=True)]
     out: Annotated[Path, Option("The calibration, a .toml.")]
     check: Annotated[Path | None, Option("Another capture: what the calibration leaves of it.")] = None
     check_range: Annotated[float | None, Option("Of its reflector [m].")] = None

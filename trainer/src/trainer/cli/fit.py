@@ -18,7 +18,7 @@ def fit(asked: FitRequest) -> None:
     from trainer.training.processes import is_first
 
     announce = plain_console().print
-    run_fit(asked, announce)
+    run_fit(**{**vars(asked), "announce": announce})
     if not is_first():
         return
     # The located name is shown: a URI as given may hold a key.

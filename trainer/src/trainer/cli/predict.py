@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
-
-import typer
-
+from shared.cli.console import plain_console
 from shared.cli.ending import Interrupted
 from shared.cli.options import asking
 from shared.physics.errors import InputError
-from trainer.run.options import PredictRequest
+from trainer.run.options import ExportOptions, PredictRequest
 
 EXTRA = "pip install 'sparseradar-trainer[export]'"
 
@@ -21,16 +17,14 @@ def predict(asked: PredictRequest) -> None:
     from trainer.run.predict import predict as run_predict
 
     try:
-        run_predict(asked)
+        run_predict(**{**vars(asked), "announce": plain_console().print})
     except KeyboardInterrupt:
         # Pictures of the frames imaged so far may stand in the folder, which has to be empty.
         raise Interrupted(", into a new or emptied --out") from None
 
 
-def export(
-    run: Annotated[Path, typer.Argument(help="Run folder of trainer fit.")],
-    out: Annotated[Path, typer.Option(help="File to write, ending in .onnx.")],
-) -> None:
+@asking(ExportOptions)
+def export(asked: ExportOptions) -> None:
     """Write a run's network as ONNX, checked against torch."""
     try:
         from trainer.run.export import export as run_export
@@ -39,7 +33,7 @@ def export(
             raise
         raise InputError("trainer export", f"the package {error.name} is not installed", EXTRA) from error
 
-    result = run_export(run, out)
+    result = run_export(**vars(asked))
     print(
         f"{result.path}: within {result.difference:.1e} of torch; one image takes {1e3 * result.torch_seconds:.0f} ms "
         f"in torch, {1e3 * result.onnx_seconds:.0f} ms in onnxruntime"

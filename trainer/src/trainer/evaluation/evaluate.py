@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import pyarrow as pa
 
@@ -21,7 +20,8 @@ from shared.dataset.locations import Location, folder_name, locate
 from shared.dataset.reading import radar_of
 from shared.dataset.writing import remove_partial, write_text
 from shared.physics.errors import InputError
-from shared.radar import Radar
+from shared.processes.declared import taking
+from shared.radar import Radar, validated
 from trainer.data.arrays import choose_array
 from trainer.defaults import DEFAULT_ARRAYS, NETWORKS
 from trainer.estimators.base import ESTIMATORS
@@ -33,11 +33,12 @@ from trainer.evaluation.experiments.doppler import Doppler
 from trainer.evaluation.experiments.frames import frame_refs
 from trainer.evaluation.experiments.generalisation import Generalisation, Runtime, Tradeoff
 from trainer.evaluation.experiments.measured import METHODS, Measured, fitting_networks
-from trainer.evaluation.experiments.measured_input import MeasuredInput, with_arrays
+from trainer.evaluation.experiments.measured_input import MeasuredInput, read_measured, with_arrays
 from trainer.evaluation.experiments.noise_only import NoiseOnly
 from trainer.evaluation.experiments.resolution import Resolution
 from trainer.evaluation.experiments.robustness import Robustness
 from trainer.evaluation.experiments.street import Street
+from trainer.evaluation.options import EvaluateOptions
 from trainer.evaluation.report.figures import save_figure
 from trainer.evaluation.report.page import ReportFigure, report_page
 from trainer.evaluation.report.tables import MetricRow, Numbers, metrics_table, summary, write_table
@@ -46,6 +47,7 @@ from trainer.evaluation.workers import Workers
 from trainer.run.answers import Answer, NetworkAnswer
 from trainer.run.folder import JOB, Fingerprint, output_folder, scene_records
 from trainer.run.imager import precision_remark
+from trainer.run.pretrained import pretrained_run
 
 RUNTIME, STREET = Runtime(), Street()
 """What is looked at whatever the experiments."""
@@ -62,37 +64,30 @@ SUMMARY_COLUMNS = [(name, column) for name, experiment in EXPERIMENTS.items() fo
 CELLS, FIGURES = "cells", "figures"
 REPORT, SUMMARY = "report.html", "summary.md"
 
-Progress = Callable[[str, int, int], None]
-"""(what is computed, cells done, cells in all)."""
 
+@taking(EvaluateOptions)
+def evaluate(asked: EvaluateOptions) -> pa.Table:
+    """Run the experiments that apply and write everything into ``out``, as ``trainer evaluate`` does.
 
-def evaluate(
-    dataset: Location | str | None,
-    out: Path,
-    config: EvaluationConfig | None = None,
-    measured: MeasuredInput | None = None,
-    resume: bool = False,
-    workers: int = 1,
-    announce: Callable[[str], object] = print,
-    progress: Progress | None = None,
-) -> pa.Table:
-    """Run the experiments that apply and write everything into ``out``; returns the metrics table.
+    Seconds are measured before the first cell, in this process alone.
 
-    :param dataset: folder of a dataset with a test split, local or remote; None with ``measured``, for that alone
-    :param measured: a row of a snapshot or cube, see
-        :func:`trainer.evaluation.experiments.measured_input.read_measured`
-    :param resume: keep the cells that ``out`` already has
-    :param workers: processes that compute cells, see :class:`trainer.evaluation.workers.Workers`; the numbers, but for
-        the seconds, do not depend on it. Seconds are measured before the first cell, in this process alone.
+    >>> evaluate("build/dataset", out="build/report", pretrained="sparse6", methods=["das", "unet"])  # doctest: +SKIP
+
+    :returns: the metrics table
     :raises InputError: bad data, runs, names, or an experiment asked for that does not apply
     :raises TrainingStopped: three worker processes died of a cell
     """
-    config = config or EvaluationConfig()
-    advance = progress or (lambda *_: None)
-    with output_folder(out, resume, "an empty or new folder, or --resume to keep what is finished") as folder:
-        if resume and any(item.name != JOB for item in out.iterdir()) and not (out / CELLS).is_dir():
+    fields = {name: value for name, value in vars(asked).items() if name in EvaluationConfig.model_fields}
+    fields["runs"] = (*asked.run, *map(pretrained_run, asked.pretrained))
+    config = validated(EvaluationConfig, fields, "trainer evaluate")
+    row = None
+    if asked.measured is not None:
+        row = read_measured(asked.measured, asked.targets, asked.range_m, asked.model_error)
+    dataset, out, announce, advance = asked.dataset, asked.out, asked.announce, asked.progress
+    with output_folder(out, asked.resume, "an empty or new folder, or --resume to keep what is finished") as folder:
+        if asked.resume and any(item.name != JOB for item in out.iterdir()) and not (out / CELLS).is_dir():
             raise InputError("--out", f"{out} holds no {CELLS}/", "the folder of an evaluation to resume, or a new one")
-        bench, chosen, title, remarks = _prepared(dataset, measured, config)
+        bench, chosen, title, remarks = _prepared(dataset, row, config)
         remove_partial(out)
         store = CellStore(out / CELLS)
         for line in remarks:
@@ -106,7 +101,7 @@ def evaluate(
         texts: dict[str, str] = {}
         written = set[str]()
         (out / FIGURES).mkdir(exist_ok=True)
-        with Workers(bench, workers, folder) as pool:
+        with Workers(bench, asked.workers, folder) as pool:
             shown = _compute(STREET, bench, store, pool, partial(advance, "images")) if bench.frames else {}
             for experiment in (*chosen, RUNTIME):
                 results = _compute(experiment, bench, store, pool, partial(advance, experiment.name))

@@ -16,11 +16,13 @@ import onnxruntime
 import torch
 
 from shared.dataset.writing import require_new_file, write_bytes
+from shared.processes.declared import taking
 from trainer.errors import TrainingStopped
 from trainer.networks.real_unrolled import RealUnrolledNetwork
 from trainer.networks.unrolled import UnrolledNetwork
 from trainer.run.folder import load_imager
 from trainer.run.imager import CHANNELS, UNITS, lay_out
+from trainer.run.options import ExportOptions
 
 TOLERANCE = 1e-4
 """Largest difference from torch, relative to the largest value."""
@@ -44,8 +46,9 @@ class Export:
     onnx_seconds: float
 
 
-def export(run_directory: Path, out: Path) -> Export:
-    """Write the run's network as ONNX, float32.
+@taking(ExportOptions)
+def export(asked: ExportOptions) -> Export:
+    """Write the run's network as ONNX, float32, as ``trainer export`` does.
 
     Input ``features`` [1, F, R, U], of the "doa-cnn" [1, 3, R, C * C], of the "unrolled" network [1, 2 C + 1, R, 1]
     snapshots; output ``answer`` [1, 1 or 2, R, U]. The "unrolled" network is exported in real arithmetic
@@ -56,7 +59,8 @@ def export(run_directory: Path, out: Path) -> Export:
     :raises InputError: no whole run, an output that cannot be written
     :raises TrainingStopped: onnxruntime disagrees with torch by more than :data:`TOLERANCE`; nothing is written
     """
-    run, imager = load_imager(run_directory)
+    out = asked.out
+    run, imager = load_imager(asked.run)
     require_new_file(out, ".onnx")
     generator = np.random.default_rng(0)
     snapshot = generator.standard_normal((1, run.radar.waveform.range_bins, run.radar.array.channels, 2))

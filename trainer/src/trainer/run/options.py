@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from shared.physics.errors import InputError
 from shared.processes.declared import Option, Options, common, either
+from shared.processes.telling import AnnouncingOptions
 from trainer.defaults import CELLS, ESTIMATOR_NAMES, FALSE_ALARMS, FORMATS, PEAKS
 from trainer.run.pretrained import pretrained_names, pretrained_run, require_run
 
@@ -28,7 +29,8 @@ def _velocity(text: str) -> tuple[float, float]:
 class ImageOptions(Options):
     paths: Annotated["Sequence[Location | str]", Option(
         "Run folder of trainer fit, unless --pretrained or --method; then a dataset, also s3://, hf:// or https://, "
-        "or a cube as .npy or .npz.", typed=list[str], place="[RUN] INPUT", flag=None)] = field(kw_only=False)
+        "or a cube as .npy or .npz.", typed=list[str], place="[RUN] INPUT", flag=None,
+        several=True)] = field(kw_only=False)
     out: Annotated[Path, Option("Folder of the images; new or empty.")] = field(kw_only=False)
     pretrained: Annotated[str | None, Option(
         f"A network that comes with the package, in place of RUN: {either(pretrained_names())}.",
@@ -60,7 +62,7 @@ class PointsRequest(Options):
             raise InputError("--cells", repr(self.cells), " or ".join(CELLS))
 
 
-class PredictRequest(PointsRequest, ImageOptions):
+class PredictRequest(AnnouncingOptions, PointsRequest, ImageOptions):
     """Which frames are imaged, by what, and what is written."""
 
     animation: Annotated[bool, Option(
@@ -109,4 +111,11 @@ class PredictRequest(PointsRequest, ImageOptions):
             raise InputError("--velocity", f"{self.velocity}, yaw {self.mounting_yaw_deg}", "finite numbers")
         if self.mounting_yaw_deg and self.velocity is None:
             raise InputError("--mounting-yaw", "without --velocity", "--velocity beside it")
+
+
+class ExportOptions(Options):
+    """Which network is written where."""
+
+    run: Annotated[Path, Option("Run folder of trainer fit.", flag=None)] = field(kw_only=False)
+    out: Annotated[Path, Option("File to write, ending in .onnx.")] = field(kw_only=False)
 # fmt: on

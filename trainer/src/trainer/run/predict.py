@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
@@ -17,6 +16,7 @@ from shared.dataset import METADATA_KEY
 from shared.dataset.writing import atomic
 from shared.physics.compiled import is_kept
 from shared.physics.errors import InputError
+from shared.processes.declared import taking
 from shared.signal.tdm import statement
 from trainer.data.measurements import Measurements, open_measurements
 from trainer.estimators.groups import fit_in_turn
@@ -42,14 +42,18 @@ from trainer.run.predictor import Motions, Prediction, Predictor, answer_for_cub
 IMAGES = "images.parquet"
 
 
-def predict(request: PredictRequest, announce: Callable[[str], object] = print) -> int:
-    """Image every frame: ``images.parquet``, and what else is asked for; returns the frames imaged.
+@taking(PredictRequest)
+def predict(request: PredictRequest) -> int:
+    """Image every frame, as ``trainer predict`` does: ``images.parquet``, and what else is asked for.
 
+    >>> predict("build/dataset", "build/images", pretrained="sparse6", points=True)  # doctest: +SKIP
+
+    :returns: frames imaged
     :raises InputError: a run or input that cannot be read, an array or axes that the run was not trained for
     """
-    out, points_format = request.out, request.points_format
+    out, points_format, announce = request.out, request.points_format, request.announce
     with output_folder(out, resume=False):
-        answer, measurements = _open(request, announce)
+        answer, measurements = _open(request)
         _require_use(request, answer)
         listed = request.listed if request.points else None
         motions = Motions(request.velocity, request.mounting_yaw_deg, request.points or answer.uses_motion)
@@ -112,7 +116,7 @@ def _require_use(request: PredictRequest, answer: Answer) -> None:
         raise InputError("--velocity", problem, "--points beside it, or --method likes-view-ego")
 
 
-def _open(request: PredictRequest, announce: Callable[[str], object]) -> tuple[Answer, Measurements]:
+def _open(request: PredictRequest) -> tuple[Answer, Measurements]:
     """Who answers, and what is asked."""
     loaded = None if request.run is None else load_imager(request.run)
     found, measurements = open_measurements(request.source, request.radar, request.split, request.listed.cells)
@@ -121,7 +125,7 @@ def _open(request: PredictRequest, announce: Callable[[str], object]) -> tuple[A
         return estimator_answer(request.method, found, measurements.dead_channels), measurements
     if not measurements.dataset:
         about = str(request.source), measurements.dead_channels
-        return answer_for_cubes(*loaded, str(request.run), found, announce, *about), measurements
+        return answer_for_cubes(*loaded, str(request.run), found, request.announce, *about), measurements
     run, imager = loaded
     same_radar(run.radar, str(request.run), found, str(request.source))
     return network_answer(run, imager, None, found), measurements

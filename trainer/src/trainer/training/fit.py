@@ -18,6 +18,7 @@ from lightning.pytorch.trainer.states import TrainerStatus
 
 from shared.dataset.writing import PARTIAL, remove_partial
 from shared.physics.errors import InputError
+from shared.processes.declared import taking
 from trainer.data.arrays import choose_array
 from trainer.errors import TrainingStopped, out_of_memory
 from trainer.run.configuration import FitConfig
@@ -71,13 +72,19 @@ build/dataset --learning-rate 1e-3 --out build/run``.
 """
 
 
-def fit(request: FitRequest, announce: Callable[[str], object] = print) -> Run:
-    """Train one network, keep it in ``out`` and score it on the test frames (:mod:`trainer.training.verdict`).
+@taking(FitRequest)
+def fit(request: FitRequest) -> Run:
+    """Train one network, keep it in ``out`` and score it on the test frames (:mod:`trainer.training.verdict`), as
+    ``trainer fit`` does.
 
+    >>> fit("build/dataset", "build/run", steps=300, announce=print)  # doctest: +SKIP
+
+    :returns: what was trained on what; :func:`trainer.load_imager` loads the network
     :raises InputError: bad data, a folder that holds another run, a start that is another network
     :raises TrainingStopped: a loss that is not finite, a process that has ended
     :raises KeyboardInterrupt: Ctrl-C; what the last validation left is whole
     """
+    announce = request.announce
     check_logger(request.logger)
     given = {name: value for name, value in vars(request).items() if name in FitConfig.model_fields}
     config = configuration(request.recipe, given, request.config)

@@ -5,8 +5,9 @@ from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
 
-from shared.processes.declared import Option, Options, either
+from shared.processes.declared import Option, either
 from shared.processes.defaults import LARGEST_SEED
+from shared.processes.telling import AnnouncingOptions
 from trainer.defaults import LOGGERS, TENSORBOARD, Features, Model, Precision, Target
 from trainer.run.pretrained import pretrained_names, pretrained_run
 
@@ -33,7 +34,7 @@ def _by_recipe(meaning: str, **others: Any) -> Option:
 
 # Not formatted: an option is read as a whole, in two or three lines.
 # fmt: off
-class FitRequest(Options):
+class FitRequest(AnnouncingOptions):
     """What is trained on what, and where it is kept.
 
     Options named as a field of :class:`trainer.run.configuration.FitConfig` state that field.
@@ -42,7 +43,7 @@ class FitRequest(Options):
     datasets: Annotated["Sequence[Location | str]", Option(
         "Folders of datasets of one radar; also s3://, gs://, hf:// and https://.",
         "The doa-cnn takes only the radar from them.",
-        typed=list[str], flag=None)] = field(kw_only=False)
+        typed=list[str], flag=None, several=True)] = field(kw_only=False)
     out: Annotated[Path, Option("Run folder; new or empty.")] = field(kw_only=False)
     array: Annotated[str, Option("full, sparse6, sparse4 or a TOML file with rx = [...].")] = "sparse6"
     recipe: Annotated[str, Option("recommended, paper (its network, features, target), or doa.")] = "recommended"

@@ -15,7 +15,7 @@ from typing import Any
 
 import cloudpickle
 
-from datafactory.defaults import RAY, Announce
+from datafactory.defaults import RAY
 from datafactory.run.cluster.driver import PROBE_S, REACHED, Begin, Connected, Look
 from datafactory.run.cluster.node import Given, surroundings_of
 from datafactory.run.portions import Engine, PortionWork, Rows, RunFailed
@@ -23,6 +23,7 @@ from datafactory.run.shards import Portion
 from shared.dataset.locations import absolute
 from shared.physics.errors import InputError
 from shared.processes.pool import AHEAD, Attempts, Finished, without_interrupts
+from shared.processes.telling import Announce
 
 ANSWER_S = 5.0
 """Within this something at an address accepts a connection."""

@@ -20,6 +20,7 @@ from shared.processes.defaults import LARGEST_SEED
 from shared.radar import Radar
 from shared.radar.validation import Described
 from trainer.data.arrays import ArrayChoice
+from trainer.defaults import DEFAULT_ARRAYS
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.options import EvaluateOptions
 from trainer.evaluation.report.tables import TRUTH, Condition, Numbers, SummaryColumn, condition_text
@@ -46,7 +47,7 @@ class EvaluationConfig(Described):
 
     runs: tuple[Path, ...] = ()
     methods: tuple[str, ...] | None = None
-    arrays: tuple[str, ...] = EvaluateOptions.arrays
+    arrays: tuple[str, ...] = DEFAULT_ARRAYS
     experiments: tuple[str, ...] | None = None
     frames: int = Field(default=EvaluateOptions.frames, ge=1, le=10**6)
     shown: int = Field(default=EvaluateOptions.shown, ge=1, le=1000)
