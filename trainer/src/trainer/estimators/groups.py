@@ -26,8 +26,8 @@ with known noise):
 2. The given angles that least squares needs are refined together.
 3. The line whose removal, the others refined again, costs least is removed while it costs less than the threshold.
 4. Where the energy left fails its chi-square test a line is added or one is split; the best is kept while it gains
-   more than the threshold. Beside more than a few lines none is split where an added one gains enough. Then step 3
-   again: an older line may have become needless.
+   more than the threshold. Beside more than a few lines of a single bin, and in a group of bins, none is split where an
+   added one gains enough. Then step 3 again: an older line may have become needless.
 5. In the place of one or two lines the best lone one is tried, of two and more the best pair elsewhere, of three to
    five also pairs beside each one: the lobes of a sparse array make optima that no small step leaves. Where channels
    are few for the lines, one line is tried in the place of each two (:mod:`trainer.estimators.group_replacements`).
@@ -74,8 +74,9 @@ STARTS = 8
 """Angles from which a row is fitted again, at most: 136 of those rows end at a better optimum with another number of
 lines, with 4 it is 113, and the plain fit's do as well."""
 FEW = 6
-"""Lines, up to which splits are tried where adding one would do. With 3 five of 1280 rows of one to eight lines have
-another number than the plain fit finds, with 5 one of 160 (``tests/trainer/estimators/test_fitting.py``)."""
+"""Lines of a single bin, up to which splits are tried where adding one would do. With 3 five of 1280 rows of one to eight lines have
+another number than the plain fit finds, with 5 one of 160 (``tests/trainer/estimators/test_fitting.py``). In a group of bins they only
+cost time: docs/notes/points.md, splits in groups of bins."""
 SPLIT_CELLS = (0.5, 0.2)
 """Distances of the two halves of a split line before they are refined, in resolution cells."""
 DRAWS_AT = 1.5
@@ -173,7 +174,7 @@ def _grow(model, group, place, lines, left, work):
         put(trials[0], lines, angle, offset)
         energies[0] = refine(model, group, trials[0], lines + 1, RACE_STEPS, work)
         count = 1
-        if lines <= FEW or not left - energies[0] > model.further * group.noise:
+        if (model.cells == 1 and lines <= FEW) or not left - energies[0] > model.further * group.noise:
             count += _split(model, group, place, lines, trials[1:], energies[1:], work)
         best, least = -1, left
         for ranked in range(smallest_first(energies, count, order)):
