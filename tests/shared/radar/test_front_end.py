@@ -16,6 +16,8 @@ from shared.radar.front_end import Converter, FrontEnd, PhaseNoise
 from shared.radar.receiver import digitised, received, with_phase_noise
 from shared.radar.waveform import Waveform
 from shared.signal import chirp_times, if_signal
+from shared.signal.spectrum import range_doppler
+from shared.signal.windows import power_in_cell
 
 PAIR = AntennaArray(tx_m=((0.0, 0.01, 0.0), (0.0, -0.01, 0.0)), rx_m=((0.0, 0.0, 0.0), (0.0, 0.002, 0.0)))
 
@@ -36,20 +38,36 @@ def test_a_tone_of_full_scale_is_6_db_a_bit_above_its_quantisation(small_radar, 
     converter = Converter(bits=bits, full_scale_dbm=-40.0)
     amplitude = np.sqrt(dbm_to_watt(-40.0)) * (1.0 - 1e-3)
     ideal = tone(radar, 123.456, amplitude)
-    error = digitised(ideal, converter)[0].astype(complex) - ideal
-    ratio = 10.0 * np.log10(np.mean(np.abs(ideal) ** 2) / np.mean(np.abs(error) ** 2))
-    assert ratio == pytest.approx(6.02 * bits + 1.76, abs=0.1)
+    recorded = digitised(ideal, converter)
+    error = np.mean(np.abs(recorded.cube.astype(complex) - ideal) ** 2)
+    assert 10.0 * np.log10(np.mean(np.abs(ideal) ** 2) / error) == pytest.approx(6.02 * bits + 1.76, abs=0.1)
+    assert recorded.conversion_w == pytest.approx(error, rel=1e-3)
 
 
 def test_what_is_too_strong_is_cut_off_and_counted(small_radar):
     radar = small_radar(samples=1000, chirps=1)
     full_scale = np.sqrt(dbm_to_watt(-40.0))
-    cube, saturated = digitised(tone(radar, 100.3, 2.0 * full_scale), Converter(bits=10, full_scale_dbm=-40.0))
+    recorded = digitised(tone(radar, 100.3, 2.0 * full_scale), Converter(bits=10, full_scale_dbm=-40.0))
+    cube, saturated = recorded.cube, recorded.saturated
     assert max(cube.real.max(), cube.imag.max()) <= full_scale
     assert min(cube.real.min(), cube.imag.min()) >= -full_scale
     # |cos| > 1/2 over two thirds of its period, for I and Q of each sample.
     assert saturated / (2 * cube.size) == pytest.approx(2 / 3, abs=0.01)
-    assert digitised(tone(radar, 100.3, 0.99 * full_scale), Converter(bits=10, full_scale_dbm=-40.0))[1] == 0
+    assert digitised(tone(radar, 100.3, 0.99 * full_scale), Converter(bits=10, full_scale_dbm=-40.0)).saturated == 0
+
+
+@pytest.mark.parametrize("steps", [0.02, 0.5, 20.0])
+def test_what_the_converter_adds_to_noise_is_known(small_radar, steps):
+    """Of noise alone, so many steps strong: its power in the cells after both transforms."""
+    radar = small_radar(samples=256, chirps=64)
+    half = np.sqrt(radar.sample_noise_power_w / 2.0) / steps * 2**7
+    noise = receiver_noise(radar, np.random.default_rng(3))
+    recorded = digitised(noise, Converter(bits=8, full_scale_dbm=float(10.0 * np.log10(half**2) + 30.0)))
+    found = np.mean(np.abs(range_doppler(recorded.cube, radar)) ** 2)
+    expected = power_in_cell(radar.sample_noise_power_w + recorded.conversion_w, radar.waveform)
+    # Below a step the rounding is not independent of what is rounded: half a step, q^2 / 2, is all that there is.
+    assert found == pytest.approx(expected, rel=0.05)
+    assert recorded.conversion_w >= 0.99 * (half / 2**7) ** 2 / 6.0
 
 
 # Phase noise
@@ -136,10 +154,10 @@ def test_the_phase_that_is_left_is_what_a_long_run_shows():
 def test_an_ideal_receiver_adds_noise_alone_and_without_a_generator_nothing(small_radar):
     radar = small_radar()
     ideal = tone(radar, 20)
-    noisy, saturated = received(ideal, radar, np.random.default_rng(7))
-    assert saturated == 0
-    assert noisy.tobytes() == (ideal + receiver_noise(radar, np.random.default_rng(7))).tobytes()
-    assert received(ideal, radar, None)[0].tobytes() == ideal.tobytes()
+    noisy = received(ideal, radar, np.random.default_rng(7))
+    assert (noisy.saturated, noisy.conversion_w) == (0, 0.0)
+    assert noisy.cube.tobytes() == (ideal + receiver_noise(radar, np.random.default_rng(7))).tobytes()
+    assert received(ideal, radar, None).cube.tobytes() == ideal.tobytes()
 
 
 def test_every_imperfection_is_applied_in_order_and_reproducibly(small_radar):
@@ -147,13 +165,13 @@ def test_every_imperfection_is_applied_in_order_and_reproducibly(small_radar):
     front_end = FrontEnd(phase_noise=phase_noise, converter=converter)
     radar = small_radar().model_copy(update={"front_end": front_end})
     ideal = tone(radar, 20, 1e-6)
-    one, again = (received(ideal, radar, np.random.default_rng(7))[0] for _ in range(2))
+    one, again = (received(ideal, radar, np.random.default_rng(7)).cube for _ in range(2))
     assert one.tobytes() == again.tobytes()
     generator = np.random.default_rng(7)
     by_hand = with_phase_noise(ideal, radar, phase_noise, generator) + receiver_noise(radar, generator)
-    assert one.tobytes() == digitised(by_hand, converter)[0].tobytes()
+    assert one.tobytes() == digitised(by_hand, converter).cube.tobytes()
     # Without noise there is no phase noise either; the converter stays.
-    assert received(ideal, radar, None)[0].tobytes() == digitised(ideal, converter)[0].tobytes()
+    assert received(ideal, radar, None).cube.tobytes() == digitised(ideal, converter).cube.tobytes()
 
 
 # Transmitters that take turns

@@ -184,9 +184,9 @@ def test_quantisation_is_the_noise_of_a_converter():
     cube = (doppler[:, None, None] * chirp[None, :, None] * np.ones(48)).astype(np.complex64)
     full_scale = 4.0
     converter = Converter(bits=6, full_scale_dbm=float(10 * np.log10(full_scale**2) + 30))
-    rounded, saturated = digitised(cube, converter)
-    assert saturated == 0
-    error = range_doppler(rounded, radar) - range_doppler(cube, radar)
+    rounded = digitised(cube, converter)
+    assert rounded.saturated == 0
+    error = range_doppler(rounded.cube, radar) - range_doppler(cube, radar)
     expected = np.mean(np.abs(error) ** 2)
     made = boards(radar=radar, bits=6, headroom_db=0.0)
     assert made._quantisation * full_scale**2 == pytest.approx(expected, rel=0.2)

@@ -31,7 +31,7 @@ from shared.radar import Radar
 from shared.radar.receiver import received
 from shared.signal.imaging import DEFAULT_TERMS, near_field_images
 from shared.signal.spectrum import range_doppler, select_doppler, unfold
-from shared.signal.windows import angle_window, cell_noise_power
+from shared.signal.windows import angle_window, power_in_cell
 
 MAXIMUM_TARGETS = 256
 CELL_SPAN_DB = 60.0
@@ -104,9 +104,10 @@ def measure(
     by_kernel = at("sorting", sorted_paths, paths, recording)
     cube = at("cube", kernels.cube, by_kernel, recording, 1)
     noise = generator(frame.seed, "noise") if processing.noise else None
-    recorded, saturated = at("receiver", received, cube.astype(np.complex64, copy=False), radar, noise)
-    noise_power = cell_noise_power(radar) if processing.noise else 0.0
-    spectra = at("range-Doppler", range_doppler, recorded, radar)
+    recorded = at("receiver", received, cube.astype(np.complex64, copy=False), radar, noise)
+    white = radar.sample_noise_power_w + recorded.conversion_w
+    noise_power = power_in_cell(white, radar.waveform) if processing.noise else 0.0
+    spectra = at("range-Doppler", range_doppler, recorded.cube, radar)
     selection = at("Doppler choice", select_doppler, spectra, noise_power, processing.peaks)
     selection = at("velocity interval", unfold, selection, radar)
     moments = at("truth", kernels.truth, paths, radar, selection.cells[0], processing.truth_terms, intra_chirp)
@@ -116,11 +117,11 @@ def measure(
         velocity=selection.velocities_mps(radar.waveform).astype(np.float32),
         noise_power=noise_power,
         range_doppler=selection.magnitude if processing.store == "range-doppler" else None,
-        cube=recorded if processing.store == "cube" else None,
+        cube=recorded.cube if processing.store == "cube" else None,
     )
     counts = by_kernel.counts()
     if radar.front_end.converter is not None:
-        counts["converter_saturated"] = saturated
+        counts["converter_saturated"] = recorded.saturated
     moments = moments * angle_window(processing.truth_window, moments.shape[-1]).astype(np.float32)
     return Measurement(frame, moments, counts)
 

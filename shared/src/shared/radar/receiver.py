@@ -5,6 +5,7 @@ In this order, which is that of the hardware. Everything acts on a cube [chirps,
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -20,8 +21,21 @@ from shared.radar.waveform import Waveform
 Cube = Complex64[np.ndarray, "chirps samples channels"]
 
 
-def received(cube: Cube, radar: Radar, generator: np.random.Generator | None) -> tuple[Cube, int]:
-    """The cube as the radar would record it, and how many of its samples (I or Q) left the converter's range.
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """A cube as the radar would record it.
+
+    :param saturated: how many parts of its samples, I or Q, left the converter's range
+    :param conversion_w: mean power of the converter's rounding in a sample [W]
+    """
+
+    cube: Cube
+    saturated: int = 0
+    conversion_w: float = 0.0
+
+
+def received(cube: Cube, radar: Radar, generator: np.random.Generator | None) -> Recorded:
+    """The cube through the whole receiver.
 
     :param cube: [chirps, samples, channels] ideal IF signal [sqrt(W)]
     :param generator: of phase and receiver noise; None for a receiver without either
@@ -31,27 +45,32 @@ def received(cube: Cube, radar: Radar, generator: np.random.Generator | None) ->
             cube = with_phase_noise(cube, radar, radar.front_end.phase_noise, generator)
         cube = with_receiver_noise(cube, radar, generator)
     if radar.front_end.converter is None:
-        return cube, 0
+        return Recorded(cube)
     return digitised(cube, radar.front_end.converter)
 
 
-def digitised(cube: Cube, converter: Converter) -> tuple[Cube, int]:
-    """The cube with real and imaginary part rounded to the converter's levels, and the number of parts cut off.
+def digitised(cube: Cube, converter: Converter) -> Recorded:
+    """The cube with real and imaginary part rounded to the converter's levels.
 
     Mid-rise: level k stands at (k + 1/2) q for k from -2^(b-1) to 2^(b-1) - 1, with q = 2 a / 2^b and the full scale a
     the amplitude of the stated tone. Within the range, where the signal is busy, the error is uniform over a step:
-    q^2 / 12 of each part, i.e. 6.02 b + 1.76 dB below a tone of full scale (Bennett, Bell Syst. Tech. J. 27, 1948). It
-    does not enter a frame's ``noise_power``, which is the thermal noise alone.
+    q^2 / 12 of each part, i.e. 6.02 b + 1.76 dB below a tone of full scale (Bennett, Bell Syst. Tech. J. 27, 1948). Of
+    noise far below a step only the sign is left, q / 2: q^2 / 4 of each part. So the error is measured, of what is
+    within the range: what is cut off becomes harmonics of the strongest echo, no noise. A frame's ``noise_power`` takes
+    it for white, as it is where noise moves the signal by a step, or where there is noise alone.
     """
     half = 2 ** (converter.bits - 1)
     step = float(np.sqrt(dbm_to_watt(converter.full_scale_dbm))) / half
-    result, saturated = np.empty_like(cube), 0
+    result, saturated, error = np.empty_like(cube), 0, 0.0
     for ideal, recorded in zip(cube, result, strict=True):  # chirp by chirp: the float64 copies stay small
         for part in ("real", "imag"):
-            level = np.floor(getattr(ideal, part).astype(np.float64) / step)
+            steps = getattr(ideal, part).astype(np.float64) / step
+            level = np.floor(steps)
             saturated += int(np.count_nonzero((level < -half) | (level >= half)))
-            getattr(recorded, part)[...] = (np.clip(level, -half, half - 1) + 0.5) * step
-    return result, saturated
+            level = np.clip(level, -half, half - 1) + 0.5
+            error += float(np.sum((level - np.clip(steps, -half, half)) ** 2))
+            getattr(recorded, part)[...] = level * step
+    return Recorded(result, saturated, error * step**2 / cube.size)
 
 
 def with_phase_noise(cube: Cube, radar: Radar, noise: PhaseNoise, generator: np.random.Generator) -> Cube:

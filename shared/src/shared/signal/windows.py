@@ -7,6 +7,7 @@ from jaxtyping import Float, Float64
 
 from shared.processes.defaults import ANGLE_WINDOWS
 from shared.radar import Radar
+from shared.radar.waveform import Waveform
 
 
 def hann(length: int) -> Float64[np.ndarray, " {length}"]:
@@ -24,13 +25,18 @@ def _symmetric_hann(length: int) -> Float64[np.ndarray, " {length}"]:
 
 
 def cell_noise_power(radar: Radar) -> float:
-    """Receiver noise [W] in one range-Doppler cell of one channel.
+    """Receiver noise [W] in one range-Doppler cell of one channel: k T0 F f_s a sample."""
+    return power_in_cell(radar.sample_noise_power_w, radar.waveform)
 
-    k T0 F f_s sum(w^2) / sum(w)^2 over both windows: FFTs are divided by their windows' sums, so that an on-grid target
+
+def power_in_cell(sample_power_w: float, waveform: Waveform) -> float:
+    """Power [W] in one range-Doppler cell of white noise of ``sample_power_w`` a sample.
+
+    Times sum(w^2) / sum(w)^2 over both windows: FFTs are divided by their windows' sums, so that an on-grid target
     reads its amplitude.
     """
-    power = radar.sample_noise_power_w
-    for length in (radar.waveform.samples, radar.waveform.chirps):
+    power = sample_power_w
+    for length in (waveform.samples, waveform.chirps):
         window = hann(length)
         power *= float(np.sum(window**2) / np.sum(window) ** 2)
     return power

@@ -74,9 +74,10 @@ STARTS = 8
 """Angles from which a row is fitted again, at most: 136 of those rows end at a better optimum with another number of
 lines, with 4 it is 113, and the plain fit's do as well."""
 FEW = 6
-"""Lines of a single bin, up to which splits are tried where adding one would do. With 3 five of 1280 rows of one to eight lines have
-another number than the plain fit finds, with 5 one of 160 (``tests/trainer/estimators/test_fitting.py``). In a group of bins they only
-cost time: docs/notes/points.md, splits in groups of bins."""
+"""Lines of a single bin, up to which splits are tried where adding one would do. With 3 five of 1280 rows of one to
+eight lines have another number than the plain fit finds, with 5 one of 160
+(``tests/trainer/estimators/test_fitting.py``). In a group of bins they only cost time: docs/notes/points.md, splits
+in groups of bins."""
 SPLIT_CELLS = (0.5, 0.2)
 """Distances of the two halves of a split line before they are refined, in resolution cells."""
 DRAWS_AT = 1.5

@@ -40,7 +40,7 @@ from jaxtyping import Complex128, Float, Float64, Int
 from shared.physics.units import db_to_power
 from shared.radar import Radar
 from shared.signal.signal import manifold
-from shared.signal.windows import cell_noise_power, hann
+from shared.signal.windows import hann, power_in_cell
 from trainer.run.configuration import Imperfections
 from trainer.training.online_points import hann_spectrum
 
@@ -94,10 +94,9 @@ class BoardErrors:
         slopes = (-1j * wavenumber * u, -0.5 * (wavenumber * u) ** 2)
         self._moves = [np.linalg.solve(gram.T, ((echoes * slope) @ echoes.conj().T).T).T for slope in slopes]
         self._echoes = echoes[:, np.unique(np.linspace(0, len(u) - 1, ANGLES).astype(int))]
-        windows = cell_noise_power(radar) / radar.sample_noise_power_w
         bits = imperfections.bits
         # Two parts of q^2 / 12 each, q = 2 A / 2^b, over the square of the full scale A.
-        self._quantisation = 0.0 if bits is None else windows * (2.0 / 3.0) * 4.0**-bits
+        self._quantisation = 0.0 if bits is None else power_in_cell((2.0 / 3.0) * 4.0**-bits, radar.waveform)
         chirps = hann(radar.waveform.chirps)
         self._doppler = float(np.sum(chirps**2) / np.sum(chirps) ** 2)
 
