@@ -28,5 +28,6 @@ def test_the_noise_of_a_frame_is_that_of_its_cells(tmp_path: Path, text: str) ->
     radar = load_radar(str(tmp_path / "radar.toml"))
     render(None, tmp_path / "data", radar=radar, frames=0, points=1, split="0:0:1", store="cube")
     (frame,) = open_dataset(tmp_path / "data").frames("test")
+    assert frame.cube is not None
     cells = np.abs(range_doppler(frame.cube, radar)) ** 2
     assert frame.noise_power == pytest.approx(np.median(cells) / np.log(2.0), rel=0.05)

@@ -192,6 +192,17 @@ def test_roads_have_the_stated_backscatter(name):
     assert 10 * math.log10(sigma0) == pytest.approx(-20.0 + 10 * math.log10(math.sin(math.radians(5.0))), abs=0.05)
 
 
+@pytest.mark.parametrize(("grazing_deg", "excess_db"), [(10, -2.0), (15, -7.2), (20, -24.7), (30, -3.5)])
+def test_asphalt_has_a_null_that_no_road_has(grazing_deg: float, excess_db: float) -> None:
+    """What docs/effects.md says of ground seen from above: sigma0 over -20 dB x sin(grazing)."""
+    asphalt, grazing = TABLE.materials["asphalt"], math.radians(grazing_deg)
+    reflectivity = fresnel_reflectivity(
+        asphalt.relative_permittivity, asphalt.conductivity_s_per_m, FREQUENCY_HZ, math.pi / 2 - grazing, "tm"
+    )
+    sigma0 = float(lambertian_sigma0(asphalt.scattering_coefficient, reflectivity, math.pi / 2 - grazing))
+    assert 10 * math.log10(sigma0 / math.sin(grazing)) + 20.0 == pytest.approx(excess_db, abs=0.1)
+
+
 SUBSTANCES = {
     "mat-itu_concrete": "concrete", "itu-brick.001": "brick", "/World/Looks/M_Asphalt_01": "asphalt", "Glas_2": "glass",
     "windows": "glass", "Road": "asphalt", "tarmac": "asphalt", "concreteRoad": "road_concrete", "STRAßE": "asphalt",
