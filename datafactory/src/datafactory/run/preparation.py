@@ -296,7 +296,7 @@ def _as_lists(targets: PointTargets) -> dict[str, Any]:
 
 def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> PreparedScene:
     """A scene merged, its materials mapped; what was ignored or assumed is announced."""
-    materials = table.map_materials([item.material for item in scene.objects])
+    materials = table.map_materials([item.material for item in scene.objects], scene.stated)
     merged = merge_scene(scene, materials)
     triangles = scene.triangle_count
     for warning in scene.warnings:
