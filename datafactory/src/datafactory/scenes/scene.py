@@ -21,6 +21,8 @@ from datafactory.scenes.things import Label, Population
 from shared.physics.errors import Told
 
 ZERO = (0.0, 0.0, 0.0)
+LARGEST_RCS_DBSM = 200.0
+"""Of a cross section that is stated, either sign [dBsm]: a large ship has 80, an insect -60."""
 WORLD_AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
