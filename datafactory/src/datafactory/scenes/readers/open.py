@@ -47,6 +47,8 @@ def open_scene(source: str, reading: Reading = AS_WRITTEN) -> Scene:
         scene = replace(_read(path, name, reading), name=name, source=source)
     else:
         path = Path(source)
+        if path.is_dir():
+            raise InputError(source, "no such file: it is a folder", "a scene file")
         if path.suffix.lower() not in KNOWN_SUFFIXES:
             expected = f"one of {' '.join(KNOWN_SUFFIXES)}, or {SHIPPED_PREFIX}NAME or {SIONNA_PREFIX}NAME"
             raise InputError(source, f"unknown scene format {path.suffix!r}", expected)
