@@ -184,9 +184,9 @@ def test_targets_beyond_the_unambiguous_range_are_said(radar_file, tmp_path):
     here, out = [Pose((6.0, 4.0, 0.5))], tmp_path / "scene"
     report = render(scene, out, radar=radar_file, poses=here, rays=100, effects="all")
     assert report.counts["targets_beyond_range"] == 1
-    said = told(report.counts, verbose=False)
-    assert "1 echo points of targets beyond the unambiguous range, left out" in said
-    assert "1 echo points of targets within 1 cm of the sensor, left out" in said
+    lines = told(report.counts, verbose=False)
+    assert "1 echo points of targets beyond the unambiguous range, left out" in lines
+    assert "1 echo points of targets within 1 cm of the sensor, left out" in lines
 
 
 def test_traced_paths_keep_their_split(radar_file, tmp_path):

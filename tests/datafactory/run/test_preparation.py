@@ -10,6 +10,7 @@ import pytest
 from datafactory.api.asking import load_scene, materials_of, order_of
 from datafactory.api.options import OrderOptions
 from datafactory.run.preparation import prepare
+from datafactory.scenes.scene import Scene
 from shared.physics.errors import InputError
 from shared.radar import Radar
 
@@ -46,7 +47,7 @@ def test_two_scenes_of_one_name_are_refused(tmp_path: Path) -> None:
         file.parent.mkdir()
         shutil.copy(TINY, file)
 
-    def names(*scenes: object) -> list[str]:
+    def names(*scenes: Path | Scene) -> list[str]:
         order = order_of(OrderOptions(list(scenes), radar=Radar(), frames=2))
         return [scene.name for scene in prepare(order, materials_of(None)).job.scenes]
 
