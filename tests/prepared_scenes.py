@@ -16,5 +16,5 @@ EFFECT_SCENES = SCENES / "effects"
 def prepared_scene(path: Path) -> PreparedScene:
     """The scene of a file."""
     scene = open_scene(str(path))
-    materials = load_materials().map_materials([item.material for item in scene.objects])
+    materials = load_materials().map_materials([item.material for item in scene.objects], scene.stated)
     return PreparedScene(scene.name, scene.content_hash(), merge_scene(scene, materials), materials)

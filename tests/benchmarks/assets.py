@@ -25,7 +25,7 @@ DISTANCE_M, RAYS = 20.0, 20_000
 def cross_sections_dbsm(name: str) -> np.ndarray:
     """[aspects] sum of the powers of all echoes, as a cross section at the asset's middle; 0 is from ahead."""
     scene = open_scene(f"shipped:assets/{name}")
-    materials = load_materials().map_materials([item.material for item in scene.objects])
+    materials = load_materials().map_materials([item.material for item in scene.objects], scene.stated)
     merged = merge_scene(scene, materials)
     waveform = load_radar("avr-qdm-110").waveform
     found = []

@@ -54,7 +54,7 @@ def measured(source: str, poses: int, seed: int) -> dict[str, float]:
     scene = open_scene(source)
     ground = free_ground(scene)
     table = load_materials()
-    merged = merge_scene(scene, table.map_materials([item.material for item in scene.objects]))
+    merged = merge_scene(scene, table.map_materials([item.material for item in scene.objects], scene.stated))
     blocked = wall = nothing = covered = 0
     places: dict[str, list[Real]] = {"train": [], "other": []}
     for frame_id in range(poses):

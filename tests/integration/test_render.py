@@ -180,11 +180,13 @@ def test_targets_beyond_the_unambiguous_range_are_said(radar_file, tmp_path):
     said = run("points", "--targets", tmp_path / "far.json", "--radar", radar_file, "--out", tmp_path / "points")
     assert "1 targets of a list beyond the unambiguous range, folded onto a nearer one" in said
     yard = sheet("floor", (0.0, 12.0), (0.0, 8.0), flat)
-    scene = Scene("yard", (yard,), tuple(PointTarget(f"at {x}", (x, 4.0, 0.5), 30.0) for x in (40.0, 80.0)))
+    scene = Scene("yard", (yard,), tuple(PointTarget(f"at {x}", (x, 4.0, 0.5), 30.0) for x in (6.0, 40.0, 80.0)))
     here, out = [Pose((6.0, 4.0, 0.5))], tmp_path / "scene"
     report = render(scene, out, radar=radar_file, poses=here, rays=100, effects="all")
     assert report.counts["targets_beyond_range"] == 1
-    assert "1 echo points of targets beyond the unambiguous range, left out" in told(report.counts, verbose=False)
+    lines = told(report.counts, verbose=False)
+    assert "1 echo points of targets beyond the unambiguous range, left out" in lines
+    assert "1 echo points of targets within 1 cm of the sensor, left out" in lines
 
 
 def test_traced_paths_keep_their_split(radar_file, tmp_path):

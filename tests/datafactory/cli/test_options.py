@@ -2,6 +2,7 @@
 
 import inspect
 import re
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -172,3 +173,11 @@ def test_help_begins_with_what_a_newcomer_needs() -> None:
     assert set(shown) == needed | {"--dry-run", "--verbose", "--help"}
     assert len(needed) == 8
     assert {item.name for item in declared(RenderOptions)} == set(inspect.signature(render).parameters)
+
+
+@pytest.mark.parametrize("out", ["", "~", "~/data", Path("~/data")])
+def test_no_run_goes_where_nobody_meant_it_to(out: str | Path) -> None:
+    """The text of a variable that is not set was the current folder, and a ~ that no shell replaced a name."""
+    with pytest.raises(InputError, match=r"^--out: '.*(not empty|without ~)$"):
+        RenderOptions("scene.usda", out=out)
+    assert RenderOptions(["a~.usda", "~b.usda"], out="data~").out == "data~"

@@ -205,6 +205,15 @@ def test_tracks_of_different_splits_that_meet_are_told() -> None:
     assert Deal(split="1:0:0", scenes=1, tracks=deal.tracks, track_scenes=(0, 0, 0)).remarks() == []
 
 
+def test_scenes_without_a_frame_are_said() -> None:
+    traffic = tuple(Movers(Scene(name, (CAR,))) for name in "abc")
+    rest = "2 of 3 scenes have no frame: b, c"
+    assert Deal(scenes=3, poses=POSES[:1], traffic=traffic).remarks() == [rest]
+    assert Deal(scenes=3, tracks=(track(5),), track_scenes=(0,), traffic=traffic).remarks() == [rest]
+    assert Deal(scenes=3, frames=1, traffic=traffic).remarks() == [rest]
+    assert Deal(scenes=3, frames=3, traffic=traffic).remarks() == []
+
+
 CAR = box("car", (5.0, 0.0, 0.0), (9.0, 2.0, 1.5), "metal")
 TRACK = Track((0.0, 2.0), ((0.0, 0.0, 0.0), (6.0, 0.0, 0.0)), ((3.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
 POSES = tuple(Pose((0.0, 0.0, 0.5), time_s=time) for time in (0.0, 1.9, 2.0, 7.0))

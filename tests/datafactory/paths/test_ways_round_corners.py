@@ -32,9 +32,10 @@ from datafactory.paths.merged_scene import MergedScene, merge_scene
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import DIFFRACTED, TARGET, ScatteredPaths
 from datafactory.paths.targets import FAINTEST, TARGETS_AT_ONCE, TargetEchoes, echoes_round_corners
-from datafactory.paths.view import FADED, panes_between
+from datafactory.paths.view import FADED, NEAREST_M, panes_between
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
+from datafactory.scenes.targets.bodies import Sphere
 from datafactory.scenes.targets.models import Pedestrian
 
 CORNER = box("house", (5.0, 0.5, -40.0), (30.0, 40.0, 40.0), "metal")
@@ -265,6 +266,25 @@ def test_far_targets_are_left_out_and_counted() -> None:
     for table in (echoes, reference):
         level = np.sum(np.abs(table.amplitude) ** 2 * table.range_m() ** 4)
         assert level == pytest.approx(np.sum(np.abs(reference.amplitude) ** 2 * reference.range_m() ** 4), rel=1e-6)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("distance_m", [0.0, 1e-80, 0.9 * NEAREST_M])
+def test_what_stands_at_the_sensor_is_left_out_and_counted(distance_m: float) -> None:
+    """Its bound would be infinite, and by it others would seem too faint to be noticed."""
+    select_variant()
+    post = PointTarget("post", (10.0, 0.0, 0.0), 10.0)
+    here = PointTarget("here", (distance_m, 0.0, 0.0), 10.0)
+    ball = PointTarget("ball", (0.0, distance_m, 0.0), 0.0, model=Sphere(0.1))
+    near = PointTarget("near", (1.1 * NEAREST_M, 0.0, 0.0), 10.0)
+    wall = plate("wall", (0.0, 3.0, 0.0), (20.0, 0.0, 0.0), (0.0, 0.0, 4.0), "metal")
+    scene = merged(post, here, ball, near, objects=(wall,))
+    source = TargetEchoes(view_of(scene, HOME, TraceSettings()))
+    echoes, _, counts = every_one(source)
+    assert {scene.objects[index] for index in echoes.object_index} == {"post", "near"}
+    assert (counts["target_echoes_at_sensor"], counts["targets_faint"]) == (2, 0)
+    assert np.isfinite(source.candidates.power).all()
+    assert np.isfinite(echoes.amplitude).all()
 
 
 def test_what_hides_round_a_corner_is_not_looked_for_where_it_could_not_be_heard() -> None:

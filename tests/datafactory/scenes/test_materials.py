@@ -286,6 +286,10 @@ def test_file_overrides_extends_and_maps(tmp_path):
     assert table.lookup("wall")[0].name == "foam"
     assert table.lookup("Blender.Wall") == (table.materials["glass"], "map")
     assert table.lookup("nothing known")[0].name == "brick"
+    assert table.lookup("Blender.Wall", "metal") == (table.materials["glass"], "map")
+    assert table.lookup("wall", "metal") == (table.materials["metal"], "stated 'metal'")
+    assert table.lookup("metal", "vinyl_tile") == (table.materials["brick"], "default, stated 'vinyl_tile'")
+    assert table.map_materials(["metal"], {"metal": "vinyl_tile"}).unknown == ("metal",)
     assert "S = 0.3 is an assumption" in table.materials["foam"].assumptions
 
 

@@ -66,6 +66,7 @@ FILES: dict[str, list[tuple[str | bytes, str]]] = {
         ('[[{"x": 1.0, "y": 0.0}]]', r"no rcs_dbsm; expected one, or a model, as in a list of frames, each"),
         ('[[{"x": "1.0", "y": 0.0, "rcs_dbsm": 0}]]', r"entry 0\.0\.x = '1\.0'; expected a number, as in"),
         ('[[{"x": 1.0, "y": 0.0, "rcs_dbsm": true}]]', r"entry 0\.0\.rcs_dbsm = True; expected a number, as in"),
+        ('[[{"x": 1.0, "y": 0.0, "rcs_dbsm": 500}]]', r"entry 0\.0\.rcs_dbsm = 500; expected at most 200"),
         ('[[{"x": 1.0, "y": 0.0, "model": "car", "rcs_dbsm": 1.0}]]', "a model beside rcs_dbsm"),
         ('[[{"x": 1.0, "y": 0.0, "rcs_dbsm": 1.0, "stature_m": 1.7}]]', "stature_m without a model"),
         ('[[{"x": 1.0, "y": 0.0, "model": "pedestrian", "stature_m": "tall"}]]', "tall"),
@@ -86,6 +87,7 @@ FILES: dict[str, list[tuple[str | bytes, str]]] = {
     ],
     "prim.usda": [
         ("string radar:rcs_dbsm = 'ten'", r"/t\.radar:rcs_dbsm = 'ten'; expected a finite number"),
+        ("float radar:rcs_dbsm = 500", r"/t\.radar:rcs_dbsm = 500; expected -200 to 200 dBsm"),
         ("float radar:velocity = 3", r"/t\.radar:velocity = 3\.0; expected three finite numbers"),
         ("double3 radar:velocity = (inf, 0, 0)", r"/t\.radar:velocity = .*; expected three finite numbers"),
         ("float radar:material = 3", r"/t\.radar:material = 3\.0; expected a material name"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,9 @@ import pytest
 import trimesh
 from usd_files import signed_volume
 
+from datafactory.inspection.scene import examine_scene
+from datafactory.run.preparation import prepared_scene
+from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.readers.mitsuba import read_mitsuba
 from datafactory.scenes.readers.open import open_scene, sionna_scenes
 
@@ -85,6 +89,40 @@ def test_materials_are_named_by_their_outer_id_and_need_not_be_known(tmp_path: P
         ("b", "mat-x"),
         ("c", ""),
     ]
+
+
+def test_a_stated_itu_type_counts_more_than_the_id(tmp_path: Path) -> None:
+    """Sionna reads a type of its own plugin, and of any BSDF whose id begins with itu_ or mat-itu_."""
+    body = """<bsdf type="itu-radio-material" id="wood-mat"><string name="type" value="metal"/>
+        <float name="thickness" value="1."/></bsdf>
+      <bsdf type="itu-radio-material" id="glass"><string name="type" value="glass"/></bsdf>
+      <bsdf type="diffuse" id="mat-itu_concrete"><string name="type" value="brick"/></bsdf>
+      <bsdf type="radio-material" id="brick"><string name="type" value="metal"/>
+        <float name="relative_permittivity" value="3"/><float name="thickness" value="0.2"/></bsdf>
+      <shape type="cube" id="a"><ref id="wood-mat"/></shape><shape type="cube" id="b"><ref id="glass"/></shape>
+      <shape type="cube" id="c"><ref id="mat-itu_concrete"/></shape><shape type="cube" id="d"><ref id="brick"/></shape>
+      <shape type="cube" id="e"><bsdf type="itu-radio-material"><string name="type" value="wet_ground"/></bsdf></shape>
+      <shape type="cube" id="f"><ref id="wood-mat"/></shape>"""
+    scene = open_scene(str(xml(tmp_path, body)))
+    mapping = load_materials().map_materials([item.material for item in scene.objects], scene.stated)
+    assert [mapping[item.material].name for item in scene.objects] == [
+        "metal", "glass", "brick", "brick", "wet_ground", "metal"
+    ]  # fmt: skip
+    assert [mapping.entries[name][1] for name in ("wood-mat", "glass", "wet_ground")] == [
+        "stated 'metal'", "name", "name"
+    ]  # fmt: skip
+    assert scene.warnings == (
+        "1 materials state relative_permittivity, which is not taken: the material table counts",
+        "2 materials state thickness, which is not taken: the material table counts",
+    )
+    assert scene.content_hash() != replace(scene, stated={}).content_hash()
+
+
+def test_what_sionna_states_of_a_named_scene_reaches_its_frames() -> None:
+    scene = open_scene("sionna:box_one_screen")
+    prepared = prepared_scene(scene, load_materials(), lambda line: None)
+    assert [prepared.materials[name].name for name in ("box-mat", "screen-mat")] == ["metal", "glass"]
+    assert [item.material for item in examine_scene(scene, load_materials()).materials] == ["metal", "glass"]
 
 
 def test_defaults_includes_and_file_names_beyond_ascii(tmp_path: Path) -> None:

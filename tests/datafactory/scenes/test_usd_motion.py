@@ -90,6 +90,10 @@ def test_what_is_odd_about_an_animation_is_said(tmp_path: Path) -> None:
       {CUBE}
       custom double3 radar:velocity = (1, 0, 0)
       {ops(rotateZ={0: 0, 24: 90})}
+    }}
+    def Xform "post" {{
+      custom float radar:rcs_dbsm.timeSamples = {{ 0: 3, 24: 9 }}
+      custom double3 radar:velocity.timeSamples = {{ 0: (1, 0, 0), 24: (5, 0, 0) }}
     }}"""
     metadata = f"{METRES_Z_UP}\n timeCodesPerSecond = 24\n startTimeCode = 24\n endTimeCode = 0"
     scene = read(tmp_path, body, metadata)
@@ -100,7 +104,10 @@ def test_what_is_odd_about_an_animation_is_said(tmp_path: Path) -> None:
         "1 prims appear or vanish: taken as at the start",
         "1 solids change their size: taken as they are at the start",
         "1 objects have radar:velocity and time samples: the attribute says how they move",
+        "1 attributes radar:rcs_dbsm have time samples: taken as at the start",
+        "1 attributes radar:velocity have time samples: taken as at the start",
     }
+    assert (scene.targets[0].rcs_dbsm, scene.targets[0].velocity) == (3.0, (1.0, 0.0, 0.0))
     item = scene.objects[0]
     places = [float(item.at(time).vertices[:, 0].mean()) for time in (-1.0, 0.0, 0.5, 1.0, 1.9, 2.0, 2.5, 3.0)]
     assert places == pytest.approx([0.0, 1.0, 1.0, 1.0, 1.0, 9.0, 9.5, 10.0])

@@ -108,3 +108,9 @@ def test_a_manifest_that_is_not_right_is_refused_in_one_line(tmp_path, text, mes
         open_dataset(tmp_path)
     assert "manifest.json" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_file_in_place_of_a_dataset_is_said_to_be_one(tmp_path):
+    (tmp_path / "data.parquet").write_bytes(b"")
+    with pytest.raises(InputError, match=r"data\.parquet: is a file; expected the folder of a finished dataset"):
+        open_dataset(tmp_path / "data.parquet")

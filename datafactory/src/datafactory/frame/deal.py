@@ -343,9 +343,14 @@ class Deal(Wanted):
         )
 
     def remarks(self) -> list[str]:
-        """What to say of poses at which everything that had samples stands still, of tracks of different splits that
-        come near each other, and of given poses that something of a population drives or walks through."""
+        """What to say of scenes without a frame, of poses at which everything that had samples stands still, of tracks
+        of different splits that come near each other, and of given poses that something of a population drives or
+        walks through."""
         said, poses = list[str](), self.given
+        # Dealt in turn, the first frames, or sequences, are those of the first scenes, one each.
+        idle = [movers.scene for movers in self.traffic[len(self.tracks) or self.scene_frames :]]
+        if idle:
+            said.append(f"{len(idle)} of {self.scenes} scenes have no frame: {', '.join(idle)}")
         for movers in self.traffic:
             if late := sum(pose.time_s >= movers.rests_from_s for pose in poses):
                 from_when = f"{movers.rests_from_s:g} s, from when on what has samples rests"

@@ -17,7 +17,7 @@ from pydantic import Field, FiniteFloat, TypeAdapter, model_validator
 from datafactory.paths.echo_points import Seen, all_echo_points
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.scenes.poses import Coordinate, Speed, read_entries
-from datafactory.scenes.scene import PointTarget
+from datafactory.scenes.scene import LARGEST_RCS_DBSM, PointTarget
 from datafactory.scenes.targets.models import OPTIONS, SIZES, RcsModel, target_model
 from shared.dataset import Target
 from shared.physics.errors import InputError
@@ -168,7 +168,7 @@ class _Entry(Described):
     vx: Speed = 0.0
     vy: Speed = 0.0
     vz: Speed = 0.0
-    rcs_dbsm: Annotated[FiniteFloat, Field(ge=-200, le=200)] | None = None
+    rcs_dbsm: Annotated[FiniteFloat, Field(ge=-LARGEST_RCS_DBSM, le=LARGEST_RCS_DBSM)] | None = None
     phase: FiniteFloat = 0.0
     model: str | None = None
     heading_deg: FiniteFloat | None = None

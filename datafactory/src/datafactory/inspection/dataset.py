@@ -110,6 +110,7 @@ MEANINGS = {
     "targets_unreached": "of these, those not heard at all",
     "target_echoes_silent": "echo points of targets that send nothing into this direction",
     "targets_in_near_field": "targets nearer than their cross section holds",
+    "target_echoes_at_sensor": "echo points of targets within 1 cm of the sensor, left out",
     "beyond_range": "paths beyond the unambiguous range, left out",
     "folded_beyond_range": "targets of a list beyond the unambiguous range, folded onto a nearer one",
     "targets_beyond_range": "echo points of targets beyond the unambiguous range, left out",
@@ -128,8 +129,8 @@ MEANINGS = {
 """In words, by name; a name that is not here is told as it is."""
 
 ALARMING = (
-    "frames_empty", "truncated", "targets_in_near_field", "folded_beyond_range", "targets_beyond_range",
-    "converter_saturated",
+    "frames_empty", "truncated", "targets_in_near_field", "target_echoes_at_sensor", "folded_beyond_range",
+    "targets_beyond_range", "converter_saturated",
 )  # fmt: skip
 """Told without being asked for: something may be wrong with the frames, or is not in them."""
 

@@ -87,7 +87,7 @@ class SceneReport:
 
 def examine_scene(scene: Scene, table: MaterialTable) -> SceneReport:
     """The report on a scene that was read."""
-    mapping = table.map_materials([item.material for item in scene.objects])
+    mapping = table.map_materials([item.material for item in scene.objects], scene.stated)
     lower, upper = scene.bounds()
     x, y, z = (float(side) for side in upper - lower)
     ground, no_ground = _ground(scene)

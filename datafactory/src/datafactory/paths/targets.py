@@ -31,7 +31,7 @@ from datafactory.paths.diffraction import BESIDE_M, EdgeRays, Heard, along_array
 from datafactory.paths.echo_points import EchoPoints, Seen, all_echo_points
 from datafactory.paths.mirrored_targets import DirectWays, echoes_over_mirrors
 from datafactory.paths.table import DIFFRACTED, REFRACTED, TARGET, ScatteredPaths, SpecularPaths
-from datafactory.paths.view import EDGES_WITHIN_M, FAINTEST, View, panes_between, polarization_axis
+from datafactory.paths.view import EDGES_WITHIN_M, FAINTEST, NEAREST_M, View, panes_between, polarization_axis
 from shared.physics.units import db_to_power
 from shared.physics.vectors import Complex, Index, Mask, Real, lengths
 
@@ -174,7 +174,8 @@ class TargetEchoes:
 
     Radar equation for isotropic antennas of unit power: lambda sqrt(sigma) / ((4 pi)^(3/2) R^2), times the panes'
     transmission both ways. With second bounces and mirrors, those over mirrors too
-    (:mod:`datafactory.paths.mirrored_targets`).
+    (:mod:`datafactory.paths.mirrored_targets`). What stands within :data:`.view.NEAREST_M` of the sensor is left out
+    and counted: there the antennas' own size matters, and the power of the equation has no bound.
 
     :param seed: of where in their cycle moving parts are at time 0
     """
@@ -188,17 +189,20 @@ class TargetEchoes:
             np.array([target.position for target in targets]).reshape(-1, 3) - np.asarray(pose.position)
         ) @ view.rotation
         self._nominal = np.array([float(db_to_power(target.rcs_dbsm)) for target in targets])
-        self._loudness = self._nominal / np.maximum(lengths(self._away) ** 4, np.finfo(float).tiny)
-        points = all_echo_points(view.merged.targets, pose.position, self._circumstances)
-        self._points = points.take((self._loudness >= FAINTEST_ECHO)[points.target]).seen_by(pose)
+        away_m = lengths(self._away)
+        self._loudness = self._nominal / np.maximum(away_m, NEAREST_M) ** 4
+        self._heard = (self._loudness >= FAINTEST_ECHO) & (away_m >= NEAREST_M)
+        points = all_echo_points(view.merged.targets, pose.position, self._circumstances).seen_by(pose)
+        at_sensor = (lengths(points.position) < NEAREST_M) | (away_m < NEAREST_M)[points.target]
+        self._at_sensor = int(at_sensor.sum())
+        self._points = points.take(self._heard[points.target] & ~at_sensor)
         self._range_m = lengths(self._points.position)
         self._over_mirrors = bool(settings.specular and settings.depth > 1 and view.merged.meshes and len(self._points))
 
     @property
     def _amplitude(self) -> Real:
         """[K] of the echo points in plain sight."""
-        distance = np.where(self._range_m > 0.0, self._range_m, 1.0)
-        return self._points.amplitudes(self._view.wavelength_m) / distance**2
+        return self._points.amplitudes(self._view.wavelength_m) / self._range_m**2
 
     @property
     def candidates(self) -> Candidates:
@@ -209,8 +213,8 @@ class TargetEchoes:
         whole = np.bincount(self._points.target, self._points.rcs_m2, len(self._nominal))
         of_sight = self._view.wavelength_m**2 * np.maximum(whole, self._nominal) / (4.0 * np.pi) ** 3
         power = MIRRORED_MORE * of_sight / np.maximum(lengths(self._away), 1e-3) ** 4
-        heard = self._loudness >= FAINTEST_ECHO
-        return Candidates.joined([itself, Candidates.of(TARGET_MIRRORED, self._away, np.where(heard, power, 0.0))])
+        followed = np.where(self._heard, power, 0.0)
+        return Candidates.joined([itself, Candidates.of(TARGET_MIRRORED, self._away, followed)])
 
     def seen(self, worth: Mask) -> Heard:
         """The echoes, no paths without a scattering point, and the numbers of those left out."""
@@ -218,7 +222,7 @@ class TargetEchoes:
         position, count = points.position, len(points)
         itself = worth[:count]
         over_mirrors = worth[count:][points.target] if self._over_mirrors else np.zeros(count, dtype=bool)
-        tried = np.flatnonzero((self._range_m > 0.0) & (itself | over_mirrors))
+        tried = np.flatnonzero(itself | over_mirrors)
         clear = np.zeros(count, dtype=bool)
         clear[tried] = view.sight(np.zeros((len(tried), 3)), position[tried])
         out, back = clear.astype(np.complex128), clear.astype(np.complex128)
@@ -236,6 +240,7 @@ class TargetEchoes:
             "point_targets_hidden": int(hidden.sum()),
             "target_echoes_silent": points.silent,
             "targets_in_near_field": points.near,
+            "target_echoes_at_sensor": self._at_sensor,
         }
         number = np.arange(count, dtype=np.int32)
         amplitude, index = self._amplitude * out * back, view.merged.object_of_target(points.target)

@@ -192,12 +192,13 @@ class Recipe:
 def prepare(order: Order, table: MaterialTable, announce: Announce = lambda line: None) -> Recipe:
     """Make an order's inputs ready.
 
-    :raises InputError: whatever is wrong with a scene or with a folder of traced paths
+    :raises InputError: whatever is wrong with a scene or with a folder of traced paths, or two files of one name
     """
     if said := _named_in_vain(order):
         announce(said)
     opened = [scene if isinstance(scene, Scene) else open_scene(scene) for scene in order.scenes]
     scenes = tuple(prepared_scene(scene, table, announce) for scene in opened)
+    _require_own_names(opened, scenes)
     for scene in scenes:
         if said := _beyond_sources(scene, order.radar):
             announce(said)
@@ -296,7 +297,7 @@ def _as_lists(targets: PointTargets) -> dict[str, Any]:
 
 def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> PreparedScene:
     """A scene merged, its materials mapped; what was ignored or assumed is announced."""
-    materials = table.map_materials([item.material for item in scene.objects])
+    materials = table.map_materials([item.material for item in scene.objects], scene.stated)
     merged = merge_scene(scene, materials)
     triangles = scene.triangle_count
     for warning in scene.warnings:
@@ -311,6 +312,19 @@ def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> Pr
     if unknown:
         announce(f"{scene.name}: unknown materials given the default: {unknown}")
     return PreparedScene(scene.name, scene.content_hash(), merged, materials, boxed_things(scene), triangles)
+
+
+def _require_own_names(opened: Sequence[Scene], prepared: Sequence[PreparedScene]) -> None:
+    """A frame says its scene by name alone, and so do splits, cameras and what was trained on.
+
+    One file may be there again, also populated or read in another way, and a copy of it.
+    """
+    first: dict[str, tuple[Scene, PreparedScene]] = {}
+    for scene, made in zip(opened, prepared, strict=True):
+        other, known = first.setdefault(scene.name, (scene, made))
+        if other.source != scene.source and known.content != made.content:
+            problem = f"{other.source or '(built)'} and {scene.source or '(built)'} have one name, {scene.name!r}"
+            raise InputError("--scene", problem, "another file name for one of them: frames name their scene so")
 
 
 def _named_in_vain(order: Order) -> str:

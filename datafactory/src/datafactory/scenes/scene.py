@@ -8,6 +8,7 @@ are at other times, and ``at`` of an object and of a target asks it.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,6 +21,8 @@ from datafactory.scenes.things import Label, Population
 from shared.physics.errors import Told
 
 ZERO = (0.0, 0.0, 0.0)
+LARGEST_RCS_DBSM = 200.0
+"""Of a cross section that is stated, either sign [dBsm]: a large ship has 80, an insect -60."""
 WORLD_AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -134,6 +137,7 @@ class Scene(Told):
     :param targets: point targets with a radar cross section
     :param source: the path or ``sionna:NAME`` it was read from
     :param warnings: what the reader ignored, with counts, e.g. ``"3 prims of type Curves ignored"``
+    :param stated: name of a material as its objects have it -> the substance that the file says it is, e.g. ``"metal"``
     :param population: what was put into it besides, of which the objects and targets are among these; None of a scene
         as it was read
     """
@@ -143,6 +147,7 @@ class Scene(Told):
     targets: tuple[PointTarget, ...] = ()
     source: str = ""
     warnings: tuple[str, ...] = field(default=())
+    stated: Mapping[str, str] = field(default_factory=dict)
     population: Population | None = None
 
     def __str__(self) -> str:
@@ -192,6 +197,8 @@ class Scene(Told):
         for target in self.targets:
             if target.occupied is not None:
                 digest.update(repr((target.name, target.occupied)).encode())
+        for name, substance in self.stated.items():
+            digest.update(repr((name, substance)).encode())
         return digest.hexdigest()
 
 

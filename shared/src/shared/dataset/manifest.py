@@ -61,6 +61,8 @@ def read_manifest(directory: Location) -> dict[str, Any]:
 
     :raises InputError: missing, not JSON, no version or a newer one, entries that were changed
     """
+    if isinstance(directory, Path) and directory.is_file():
+        raise InputError(directory, "is a file", "the folder of a finished dataset")
     path = directory / MANIFEST
     if file_size(path) is None:
         raise InputError(path, "no such file", "the folder of a finished dataset")

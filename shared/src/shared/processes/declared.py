@@ -96,8 +96,11 @@ class Declared(NamedTuple):
     def checked(self, value: Any) -> Any:
         """The value, a number of another library as Python's own, a path's text as a path.
 
-        :raises InputError: none of the choices, a value of another type than a plain one, or out of bounds
+        :raises InputError: an empty text, a place below ~, none of the choices, a value of another type than a plain
+            one, or out of bounds
         """
+        for text in value if isinstance(value, list | tuple) else (value,):
+            self._require_usable(text)
         choices, bounds = self.option.choices, self.option.bounds
         if choices and value is not None and value not in choices:
             raise InputError(self.flag, repr(value), f"one of {', '.join(choices)}{meant(str(value), choices)}")
@@ -112,6 +115,14 @@ class Declared(NamedTuple):
         if self.option.several and value is not None:
             return tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else (value,)
         return Path(value) if Path in kinds and str not in kinds and value is not None else value
+
+    def _require_usable(self, text: Any) -> None:
+        """Refuse the text of an unset variable, which as a place is the current folder, and a ~ that the shell left as
+        it is, as in ``--out=~/data``: a folder of that name would be made."""
+        if isinstance(text, str) and not text:
+            raise InputError(self.flag, "''", "a text that is not empty")
+        if isinstance(text, str | PathLike) and re.match(r"~(/|$)", str(text)):
+            raise InputError(self.flag, f"{str(text)!r}: ~ was not replaced by the home folder", "the path without ~")
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(field,))

@@ -12,6 +12,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from importlib import resources
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_validator
@@ -28,6 +29,9 @@ SLOWLY = 0.02
 radar's sweep ends at 78 GHz, and sources state 77."""
 
 BUILT_IN = "materials_77ghz.toml"
+DEFAULT = "default"
+"""How the rule begins that chose a material where no other did."""
+NOTHING: Mapping[str, str] = MappingProxyType({})
 
 Pattern = Literal["lambertian", "backscattering"]
 
@@ -106,15 +110,26 @@ class MaterialTable:
     exact: Mapping[str, str]
     default: str
 
-    def lookup(self, name: str) -> tuple[Material, str]:
+    def lookup(self, name: str, stated: str = "") -> tuple[Material, str]:
         """The material of a scene's material name, and the rule that chose it.
 
-        In this order: the user's ``[map]``; the table's own name; a name or an alias of a substance within the name; a
-        thing usually made of a substance; the default. Longer phrases go first, and among equals the last, so that
-        "brick wall" is brick and "glass_roof" is glass.
+        In this order: the user's ``[map]``; what the file says that it is; the table's own name; a name or an alias of
+        a substance within the name; a thing usually made of a substance; the default. Longer phrases go first, and
+        among equals the last, so that "brick wall" is brick and "glass_roof" is glass.
+
+        :param stated: the substance that the file states; no guess from the name takes the place of one that the table
+            does not know
         """
         if name in self.exact:
             return self.materials[self.exact[name]], "map"
+        found = self._guessed(stated or name)
+        material, rule = found if found is not None else (self.materials[self.default], DEFAULT)
+        if not stated:
+            return material, rule
+        return material, f"stated '{stated}'" if found is not None else f"{DEFAULT}, stated '{stated}'"
+
+    def _guessed(self, name: str) -> tuple[Material, str] | None:
+        """What a name says by itself; None where it says nothing."""
         if name in self.materials:
             return self.materials[name], "name"
         candidates = list(phrases(words(name)))
@@ -123,7 +138,7 @@ class MaterialTable:
                 for spelling in (phrase, singular(phrase)):
                     if spelling in table:
                         return self.materials[table[spelling]], f"{rule} '{spelling}'"
-        return self.materials[self.default], "default"
+        return None
 
     def unmatched(self, names: Collection[str]) -> str:
         """What to say of names in the user's ``[map]`` that no material of the scenes has; "" without such."""
@@ -133,10 +148,13 @@ class MaterialTable:
             f"--materials: no material of the scenes has these names of [map]: {', '.join(keys)}{near}" if keys else ""
         )
 
-    def map_materials(self, names: Iterable[str]) -> MaterialMapping:
-        """Look every name up once; repeated names are mapped once."""
-        entries = {name: self.lookup(name) for name in dict.fromkeys(names)}
-        unknown = tuple(name for name, (_, rule) in entries.items() if rule == "default")
+    def map_materials(self, names: Iterable[str], stated: Mapping[str, str] = NOTHING) -> MaterialMapping:
+        """Look every name up once; repeated names are mapped once.
+
+        :param stated: see :attr:`datafactory.scenes.scene.Scene.stated`
+        """
+        entries = {name: self.lookup(name, stated.get(name, "")) for name in dict.fromkeys(names)}
+        unknown = tuple(name for name, (_, rule) in entries.items() if rule.startswith(DEFAULT))
         return MaterialMapping(entries=entries, unknown=unknown)
 
 

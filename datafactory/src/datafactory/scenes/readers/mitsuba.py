@@ -1,8 +1,8 @@
 """Mitsuba 3 scenes, as Sionna uses them: triangle meshes and the names of their materials.
 
-The reader creates no Mitsuba object, so that it needs no plugin: of a BSDF it reads only the id. It skips cameras,
-lights and integrators. A Mitsuba file states no unit. Sionna's scenes are in metres with z up, and every file is read
-so.
+The reader creates no Mitsuba object, so that it needs no plugin: of a BSDF it reads the id and, of Sionna's
+``itu-radio-material``, the type, which says more than a guess from the id. It skips cameras, lights and integrators. A
+Mitsuba file states no unit. Sionna's scenes are in metres with z up, and every file is read so.
 
 Mitsuba's own parser is not used: elements nested some thousand deep crash it, parameters of parameters fill the memory
 (docs/notes/soak.md), and importing it loads Dr.Jit, which takes the first libLLVM that it finds. Python's parser
@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +37,11 @@ LONGEST_VALUE = 100_000
 PARAMETER = re.compile(r"\$(\w+)")
 LARGEST = 1e60  # of a number in a scene: cubes of it, as in determinants, are still finite
 TRANSFORM_NAMES = ("to_world", "toWorld")  # since version 2, and before
+ITU_PLUGIN = "itu-radio-material"
+ITU_ID = re.compile(r"(mat-)?itu[-_]")
+"""Sionna takes a BSDF of such an id for an ``itu-radio-material``, whatever its plugin."""
+ELECTRICAL = ("relative_permittivity", "conductivity", "thickness", "scattering_coefficient", "xpd_coefficient")
+"""What Sionna's radio materials may state beside a type."""
 
 
 def read_mitsuba(path: str | Path, name: str | None = None) -> Scene:
@@ -48,19 +53,26 @@ def read_mitsuba(path: str | Path, name: str | None = None) -> Scene:
         mesh, more objects or triangles than a scene may hold
     """
     path, notes = Path(path), Notes()
-    return scene_at_rest(path, name or path.stem, "shape", _meshes(path, notes), notes)
+    shapes = read_shapes(path)
+    used = dict.fromkeys(shape.bsdf for shape in shapes)
+    for key in ELECTRICAL:
+        stating = sum(key in bsdf.electrical for bsdf in used)
+        notes.count(f"# materials state {key}, which is not taken: the material table counts", stating)
+    scene = scene_at_rest(path, name or path.stem, "shape", _meshes(shapes, notes), notes)
+    # A name that is the type already needs no statement.
+    return replace(scene, stated={bsdf.name: bsdf.itu for bsdf in used if bsdf.itu not in ("", bsdf.name)})
 
 
-def _meshes(path: Path, notes: Notes) -> Iterator[common.PlainMesh]:
+def _meshes(shapes: list[Shape], notes: Notes) -> Iterator[common.PlainMesh]:
     known: dict[tuple[str, str], Mesh] = {}
-    for shape in read_shapes(path):
+    for shape in shapes:
         mesh = _mesh(shape, known)
         if mesh is None:
             notes.count(f"# shapes of type {shape.kind!r} ignored")
             continue
         points, triangles = mesh
         triangles = triangles[:, ::-1] if shape.flag("flip_normals") else triangles
-        yield shape.name, shape.material, points, triangles, shape.to_world
+        yield shape.name, shape.bsdf.name, points, triangles, shape.to_world
 
 
 def _mesh(shape: Shape, known: dict[tuple[str, str], Mesh]) -> Mesh | None:
@@ -100,13 +112,26 @@ def _tube(shape: Shape) -> common.Mesh:
 
 
 @dataclass(frozen=True)
+class Bsdf:
+    """What a shape's BSDF says of its material.
+
+    :param name: its id, or where it has none its type; "" without both
+    :param itu: the type that it states of ITU-R P.2040's, e.g. ``"wet_ground"``; "" without one
+    :param electrical: which of ``ELECTRICAL`` it states
+    """
+
+    name: str = ""
+    itu: str = ""
+    electrical: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Shape:
     """One shape as written, its parameters substituted.
 
     :param path: the scene file, for messages
     :param name: its id, or ``shape-N`` where it has none
     :param kind: the plugin, e.g. ``"ply"``
-    :param material: id of its BSDF, "" without one
     :param to_world: [4, 4] acting on column vectors
     :param properties: name to (XML tag, attributes)
     """
@@ -114,7 +139,7 @@ class Shape:
     path: Path
     name: str
     kind: str
-    material: str
+    bsdf: Bsdf
     to_world: NDArray[np.float64]
     properties: dict[str, tuple[str, dict[str, str]]]
 
@@ -169,17 +194,17 @@ def read_shapes(path: Path) -> list[Shape]:
         that leads nowhere
     """
     elements = list(_elements(path, path, {}, 0))
-    kinds: dict[str, str] = {}
+    objects: dict[str, ElementTree.Element] = {}
     aliases = {top.get("as", ""): top.get("id", "") for top in elements if top.tag == "alias"}
     for element in (item for top in elements if top.tag != "alias" for item in top.iter()):
         name = element.get("id")
         if name is None or element.tag == "ref":
             continue
-        if name in kinds:
+        if name in objects:
             raise InputError(path, f"id {name!r} is used twice", "a unique id for every object")
-        kinds[name] = element.tag
+        objects[name] = element
     tops = [element for element in elements if element.tag == "shape"]
-    return [_shape(path, element, number, kinds, aliases) for number, element in enumerate(tops, start=1)]
+    return [_shape(path, element, number, objects, aliases) for number, element in enumerate(tops, start=1)]
 
 
 def _elements(path: Path, scene: Path, parameters: dict[str, str], depth: int) -> Iterator[ElementTree.Element]:
@@ -220,21 +245,25 @@ def _substituted(path: Path, text: str, parameters: dict[str, str]) -> str:
 
 
 def _shape(
-    path: Path, element: ElementTree.Element, number: int, kinds: dict[str, str], aliases: dict[str, str]
+    path: Path,
+    element: ElementTree.Element,
+    number: int,
+    objects: dict[str, ElementTree.Element],
+    aliases: dict[str, str],
 ) -> Shape:
     name = element.get("id") or f"shape-{number}"
-    material = ""
+    bsdf = Bsdf()
     to_world = np.eye(4)
     properties: dict[str, tuple[str, dict[str, str]]] = {}
     for child in element:
         key = child.get("name", "")
         if child.tag == "ref":
             target = aliases.get(child.get("id", ""), child.get("id", ""))
-            if target not in kinds:
+            if target not in objects:
                 raise InputError(path, f"shape {name!r}: reference to {target!r}", "the id of an object in the scene")
-            material = target if kinds[target] == "bsdf" else material
+            bsdf = _bsdf(objects[target]) if objects[target].tag == "bsdf" else bsdf
         elif child.tag == "bsdf":
-            material = child.get("id", "")
+            bsdf = _bsdf(child)
         elif key in TRANSFORM_NAMES:
             if child.tag != "transform":
                 problem = f"shape {name!r}: {key} = {child.get('value', '')!r} is a <{child.tag}>"
@@ -242,7 +271,15 @@ def _shape(
             to_world = _transform(path, name, child)
         else:
             properties[key] = (child.tag, dict(child.attrib))
-    return Shape(path, name, element.get("type", ""), material, to_world, properties)
+    return Shape(path, name, element.get("type", ""), bsdf, to_world, properties)
+
+
+def _bsdf(element: ElementTree.Element) -> Bsdf:
+    name = element.get("id", "")
+    stated = {child.get("name", ""): child.get("value", "") for child in element}
+    is_itu = element.get("type") == ITU_PLUGIN or ITU_ID.match(name) is not None
+    itu = stated.get("type", "").strip() if is_itu else ""
+    return Bsdf(name or itu, itu, tuple(key for key in ELECTRICAL if key in stated))
 
 
 def _transform(path: Path, name: str, element: ElementTree.Element) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -43,10 +44,11 @@ def open_scene(source: str, reading: Reading = AS_WRITTEN) -> Scene:
     named = named_file(source)
     if named is not None:
         name, path = named
-        scene = _read(path, name, reading)
-        scene = Scene(name, scene.objects, scene.targets, source, scene.warnings)
+        scene = replace(_read(path, name, reading), name=name, source=source)
     else:
         path = Path(source)
+        if path.is_dir():
+            raise InputError(source, "no such file: it is a folder", "a scene file")
         if path.suffix.lower() not in KNOWN_SUFFIXES:
             expected = f"one of {' '.join(KNOWN_SUFFIXES)}, or {SHIPPED_PREFIX}NAME or {SIONNA_PREFIX}NAME"
             raise InputError(source, f"unknown scene format {path.suffix!r}", expected)

@@ -43,7 +43,7 @@ from datafactory.scenes.readers.usd_motion import Frame, Transforms, check_motio
 from datafactory.scenes.readers.usd_prims import PrimShape, has_shape, prim_shape
 from datafactory.scenes.readers.usd_samples import Clock, bake_skinning
 from datafactory.scenes.readers.usd_stage import open_usd_stage, usd_stage_to_world
-from datafactory.scenes.scene import WORLD_AXES, ZERO, PointTarget, Scene, SceneObject
+from datafactory.scenes.scene import LARGEST_RCS_DBSM, WORLD_AXES, ZERO, PointTarget, Scene, SceneObject
 from datafactory.scenes.usd_library import Sdf, Tf, Usd, UsdGeom, UsdShade
 from shared.physics.errors import InputError
 from shared.physics.units import FARTHEST_M
@@ -228,6 +228,9 @@ class _Reader:
         turned = model_axes(matrix[:3, :3], self._turn)
         if kind is None:
             rcs_dbsm = float(self._numbers(prim, "radar:rcs_dbsm", 1, "a finite number [dBsm]")[0])
+            if abs(rcs_dbsm) > LARGEST_RCS_DBSM:
+                bounds = f"{-LARGEST_RCS_DBSM:g} to {LARGEST_RCS_DBSM:g} dBsm"
+                raise InputError(self._path, f"{prim.GetPath()}.radar:rcs_dbsm = {rcs_dbsm:g}", bounds)
         else:
             model = prim_model(self._path, prim, self._start, kind)
             rcs_dbsm = model.nominal_rcs_dbsm

@@ -109,12 +109,14 @@ OF_MODELS = (*SIZES, *OPTIONS)
 
 
 def note_unread(prim: Usd.Prim, kind: str | None, notes: Notes) -> None:
-    """Count the ``radar:`` attributes of a prim that nothing reads.
+    """Count the ``radar:`` attributes of a prim that nothing reads, and those that are read at the start alone.
 
     :param kind: the model that the prim calls for
     """
     for item in prim.GetAuthoredPropertiesInNamespace("radar"):
         name = item.GetName().removeprefix("radar:")
+        if isinstance(item, Usd.Attribute) and item.ValueMightBeTimeVarying():
+            notes.count(f"# attributes radar:{name} have time samples: taken as at the start")
         if name not in (*OF_PRIMS, *OF_MODELS):
             near = meant(name, (*OF_PRIMS, *OF_MODELS))
             notes.count(f"# attributes radar:{name} ignored: there is no such name{near}")
