@@ -19,7 +19,7 @@ import typer
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from datafactory.frame.deal import frame_seed, generator, split_of
+from datafactory.frame.draws import frame_seed, generator, split_of
 from datafactory.paths.merged_scene import MergedScene, merge_scene
 from datafactory.scenes.ground import free_ground
 from datafactory.scenes.materials.table import load_materials

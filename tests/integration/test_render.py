@@ -21,7 +21,7 @@ from datafactory.api.forecasting import forecast
 from datafactory.api.making import render
 from datafactory.api.options import OrderOptions
 from datafactory.frame.chain import FRAMES_WITH
-from datafactory.frame.deal import frame_seed
+from datafactory.frame.draws import frame_seed
 from datafactory.inspection.dataset import MEANINGS, told
 from datafactory.run import portions
 from datafactory.run.preparation import prepare

@@ -13,18 +13,8 @@ from prepared_scenes import SCENES
 from sionna_scenes import box
 from town_scenes import BUILDINGS, PLATE
 
-from datafactory.frame.deal import (
-    NEIGHBOURS_M,
-    Deal,
-    StoredRow,
-    dealt,
-    drawn_scene,
-    frame_seed,
-    generator,
-    parse_split_pattern,
-    sequence_seed,
-    split_of,
-)
+from datafactory.frame.deal import NEIGHBOURS_M, Deal, StoredRow, dealt
+from datafactory.frame.draws import drawn_scene, frame_seed, generator, parse_split_pattern, sequence_seed, split_of
 from datafactory.frame.points import PointTargets
 from datafactory.run.preparation import Order
 from datafactory.scenes.boxes import Movers

@@ -15,7 +15,7 @@ from s3_server import SECRET
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
-from datafactory.frame.deal import split_of
+from datafactory.frame.draws import split_of
 from datafactory.inspection import pictures as made
 from datafactory.inspection.dataset import summarise
 from datafactory.inspection.pictures import LARGEST_BYTES, draw_frame, sequences_of, write_animations, write_pictures

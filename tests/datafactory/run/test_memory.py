@@ -18,7 +18,7 @@ from datafactory.api.asking import order_of
 from datafactory.api.forecasting import forecast
 from datafactory.api.options import OrderOptions
 from datafactory.frame.chain import ChainSettings
-from datafactory.frame.deal import split_of
+from datafactory.frame.draws import split_of
 from datafactory.frame.measurement import Processing
 from datafactory.paths.solver import TraceSettings
 from datafactory.run import memory

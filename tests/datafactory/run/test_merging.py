@@ -16,7 +16,7 @@ from small_radar import SMALL_RADAR
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
-from datafactory.frame.deal import split_of
+from datafactory.frame.draws import split_of
 from datafactory.run import merging
 from datafactory.run.merging import ranges
 from datafactory.run.shards import PATHS, ArrayJob, JobEntry, is_job_folder, parse_job, plan_shards

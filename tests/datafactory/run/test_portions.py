@@ -10,7 +10,7 @@ import pytest
 from factory_command import but_made, shards
 
 from datafactory import Report, RunFailed, render
-from datafactory.frame.deal import split_of
+from datafactory.frame.draws import split_of
 from datafactory.run import memory, pipeline, portions
 from datafactory.run.portions import Engine, Rows
 from datafactory.run.progress import FOLDER, handed_over

@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 from small_dataset import PEAKS, RADAR, make_frame
 
-from datafactory.frame.deal import split_of
+from datafactory.frame.draws import split_of
 from datafactory.run import progress
 from datafactory.run.shards import ShardPlan, plan_shards, write_shard
 from shared.dataset import VERSION, arrow_schema, description

@@ -34,7 +34,8 @@ from datafactory.defaults import (
 )
 from datafactory.effects.catalogue import parse_effects
 from datafactory.frame.chain import ChainSettings
-from datafactory.frame.deal import StoredRow, parse_split_pattern
+from datafactory.frame.deal import StoredRow
+from datafactory.frame.draws import parse_split_pattern
 from datafactory.frame.measurement import Processing
 from datafactory.frame.points import PointTargets, read_targets
 from datafactory.paths.backend import cuda_device

@@ -16,8 +16,9 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 
 from datafactory.defaults import CPU, IMAGE_BATCH
-from datafactory.frame.deal import DealtFrame, PreparedScene, StoredRow, generator
+from datafactory.frame.deal import DealtFrame, PreparedScene, StoredRow
 from datafactory.frame.decision import Decided, doppler_called_for, path_effects
+from datafactory.frame.draws import generator
 from datafactory.frame.measurement import (
     Hook,
     Measurement,

@@ -1,4 +1,4 @@
-"""Which frame is frame i: its kind, scene, split, seed, pose and random streams.
+"""Which frame is frame i: its kind, scene, split, seed and pose.
 
 This is the only place that says so. Rendering, tracing, stored paths, ``plan``, the error budget and its
 check all ask a :class:`Deal`. Scene frames come first, close-target frames after them.
@@ -7,15 +7,10 @@ Frames may come in sequences, each along one track. A whole sequence belongs to 
 frames are dealt by their index, sequences are dealt by theirs. Its frames share the ray lattice and the cycle of moving
 parts, so that what stands still gives the same echoes in each, and what walks goes on walking; noise is each frame's
 own.
-
-A frame's streams depend on (dataset seed, frame index) alone, so that frame 17 is the same whether it is rendered
-alone, first, last, by one worker or by eight. Each purpose has one of its own: adding a purpose does not change the
-others.
 """
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -23,9 +18,8 @@ from functools import cached_property
 from itertools import accumulate, combinations
 from typing import Literal
 
-import numpy as np
-
 from datafactory.defaults import DEFAULT_PATTERN
+from datafactory.frame.draws import drawn_scene, frame_seed, generator, sequence_seed, split_of
 from datafactory.frame.points import PointTargets
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.scenes.boxes import CLEAR_M, BoxedThing, Movers
@@ -35,70 +29,8 @@ from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import DRAWN_SPEEDS, Pose, Speeds, sample_pose
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.tracks import nearest_m
-from shared.dataset.folder import SPLITS, Split
+from shared.dataset.folder import Split
 from shared.dataset.locations import Location
-from shared.physics.errors import InputError
-
-PURPOSES = ("pose", "rays", "targets", "noise", "traffic")
-SEQUENCES = 1
-"""First spawn key of sequences; those of frames have one number alone."""
-
-
-def frame_seed(dataset_seed: int, frame_id: int) -> int:
-    """The frame's own seed, a non-negative int64 as the ``seed`` column holds it."""
-    return _seed(dataset_seed, frame_id)
-
-
-def sequence_seed(dataset_seed: int, sequence: int) -> int:
-    """Of what the frames of a sequence have in common; no frame's own seed."""
-    return _seed(dataset_seed, SEQUENCES, sequence)
-
-
-def _seed(dataset_seed: int, *key: int) -> int:
-    child = np.random.SeedSequence(entropy=dataset_seed, spawn_key=key)
-    return int(child.generate_state(1, np.uint64)[0] >> np.uint64(1))
-
-
-def generator(seed: int, purpose: str) -> np.random.Generator:
-    """The stream of one purpose in a frame with this seed."""
-    return np.random.default_rng(np.random.SeedSequence(entropy=seed, spawn_key=(PURPOSES.index(purpose),)))
-
-
-def parse_split_pattern(pattern: str) -> tuple[int, int, int]:
-    """The three numbers of a split pattern A:B:C.
-
-    :raises InputError: a pattern that is not three whole numbers with a positive sum
-    """
-    parts = pattern.split(":")
-    if len(parts) != 3 or not all(part.isascii() and part.isdigit() for part in parts) or not any(map(int, parts)):
-        raise InputError("--split", f"{pattern!r}", "train:validation:test as three whole numbers, e.g. 6:1:1 or 1:0:0")
-    train, validation, test = map(int, parts)
-    return train, validation, test
-
-
-def split_of(frame_id: int, pattern: str = DEFAULT_PATTERN) -> Split:
-    """Split of a frame under a pattern A:B:C: the first A of every A + B + C frames are train, and so on.
-
-    :raises InputError: see :func:`parse_split_pattern`
-    """
-    train, validation, test = parse_split_pattern(pattern)
-    place = frame_id % (train + validation + test)
-    return SPLITS[(place >= train) + (place >= train + validation)]
-
-
-def drawn_scene(frame_id: int, scenes: int, pattern: str = DEFAULT_PATTERN) -> int:
-    """Scene of a frame whose pose is drawn: in turn, so that every split has frames of every scene.
-
-    Four scenes in turn under eight splits in turn would meet always alike: all test frames in the last scene. Where the
-    two numbers have a common divisor, the turn begins one scene later each time that both have come round.
-
-    :param scenes: their number
-    :param pattern: see :func:`split_of`
-    """
-    splits = sum(parse_split_pattern(pattern))
-    rounds = frame_id // math.lcm(scenes, splits) if math.gcd(scenes, splits) > 1 else 0
-    return (frame_id + rounds) % scenes
-
 
 SOLVER_SEEDS = 2**31
 """The solver takes seeds below 2**32; half of that fits every signed integer of its interface."""

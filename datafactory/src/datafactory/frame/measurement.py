@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from datafactory.frame.deal import generator
+from datafactory.frame.draws import generator
 from datafactory.frame.points import target_list
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.scenes.boxes import SeenThing

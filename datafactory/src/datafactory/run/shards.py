@@ -24,7 +24,7 @@ import pyarrow.parquet as pq
 from pydantic import BaseModel, Field
 
 from datafactory.defaults import CPU
-from datafactory.frame.deal import split_of
+from datafactory.frame.draws import split_of
 from datafactory.paths.backend import cuda_device
 from shared.dataset import Frame, to_record_batch
 from shared.dataset.folder import SPLITS
