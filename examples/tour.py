@@ -17,9 +17,8 @@ import torch
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from datafactory import Pose, load_radar, load_scene, render, trace
+from datafactory import Pose, load_radar, load_scene, read_paths, render, trace
 from datafactory.api.viewing import view
-from datafactory.paths.storage import read_paths
 from datafactory.run.preparation import prepared_scene
 from datafactory.scenes.materials.table import load_materials
 from datafactory.view.camera import above_picture, camera_picture, draw_camera

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from datafactory.api.planning import ScenePlan as ScenePlan
     from datafactory.api.planning import plan as plan
     from datafactory.frame.points import read_targets as read_targets
+    from datafactory.paths.storage import read_paths as read_paths
     from datafactory.run.pipeline import Report as Report
     from datafactory.run.portions import RunFailed as RunFailed
     from datafactory.scenes.poses import Pose as Pose
@@ -42,6 +43,7 @@ __all__ = [
     "load_scene",
     "merge",
     "plan",
+    "read_paths",
     "read_poses",
     "read_targets",
     "render",
@@ -65,6 +67,7 @@ __getattr__, __dir__ = lazy_names(
         "load_scene": "datafactory.api.asking",
         "merge": "datafactory.api.making",
         "plan": "datafactory.api.planning",
+        "read_paths": "datafactory.paths.storage",
         "read_poses": "datafactory.scenes.poses",
         "read_targets": "datafactory.frame.points",
         "render": "datafactory.api.making",
