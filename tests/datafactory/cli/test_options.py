@@ -35,6 +35,11 @@ class Drawing(Options, heading="Sampling"):
     told: Annotated[object, Option("Takes lines.", shown=False)] = None
 
 
+class Many(Options):
+    places: Annotated[object, Option("Where.", typed=list[str], several=True)]
+    within: Annotated[Path, Option("Of a folder.")]
+
+
 @taking(Drawing)
 def drawn(asked: Drawing) -> Drawing:
     """Draw.
@@ -181,3 +186,13 @@ def test_no_run_goes_where_nobody_meant_it_to(out: str | Path) -> None:
     with pytest.raises(InputError, match=r"^--out: '.*(not empty|without ~)$"):
         RenderOptions("scene.usda", out=out)
     assert RenderOptions(["a~.usda", "~b.usda"], out="data~").out == "data~"
+
+
+@pytest.mark.parametrize("given", ["here", ["here"], Path("here"), np.array([1.5])], ids=str)
+def test_a_lone_value_is_taken_for_several(given: object) -> None:
+    one = given if isinstance(given, str | Path) else given[0]  # type: ignore[index]
+    many = Many(places=given, within="folder")  # type: ignore[arg-type]
+    assert many.places == (one,)
+    assert many.within == Path("folder")
+    with pytest.raises(InputError, match=r"^--within: 5; expected a path$"):
+        Many(places=given, within=5)  # type: ignore[arg-type]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
@@ -40,14 +42,23 @@ def within_a_callback_of_c_code():
     time.sleep(60)
     print("went on")
 
+def within_code_that_a_library_runs():
+    run = ctypes.pythonapi.PyRun_String
+    run.restype, run.argtypes = ctypes.py_object, [ctypes.c_char_p, ctypes.c_int, ctypes.py_object, ctypes.py_object]
+    statements = 257  # Py_file_input
+    run(b"interrupted()", statements, {{"interrupted": interrupted}}, {{}})
+
 run_command("program", lambda: {what})
 """
 
 
 def run(what: str, name: str = "SIGINT") -> tuple[int, str, str]:
     """(exit status, standard output, standard error)"""
-    command = [sys.executable, "-c", SCRIPT.format(name=name, what=what)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    with TemporaryDirectory() as folder:
+        Path(folder, "program.py").write_text(SCRIPT.format(name=name, what=what), encoding="utf-8")
+        # As ``python -m``: only there does CPython look at the end whether an interrupt was noted.
+        command = [sys.executable, "-m", "program"]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     return done.returncode, done.stdout, done.stderr
 
 
@@ -58,6 +69,7 @@ def run(what: str, name: str = "SIGINT") -> tuple[int, str, str]:
         ("interrupted", ""),
         ("turned_into_another_error", ""),
         ("turned_into_another_error()", ""),
+        ("within_code_that_a_library_runs", ""),
         ("swallowed", "to its end\n"),
         ("within_a_callback_of_c_code", ""),
     ],

@@ -1,9 +1,8 @@
 """Radar datasets to networks that image sharper than the array.
 
 The functions ``fit``, ``predict``, ``evaluate``, ``export``, ``import_capture`` and ``calibrate`` are those behind the
-commands. All names are imported when they are first used, so that ``import trainer`` loads neither PyTorch nor
-Lightning.
-What this module names is stable; other modules may change.
+commands of the same names. All names are imported when they are first used, so that ``import trainer`` loads neither
+PyTorch nor Lightning. What this module names is stable; other modules may change.
 """
 
 from typing import TYPE_CHECKING

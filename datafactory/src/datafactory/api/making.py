@@ -73,8 +73,7 @@ def trace(asked: TraceOptions) -> Report:
     """Trace multipath into ``out/paths``, for ``render(None, ..., paths=out)`` with any radar.
 
     Of the radar only wavelength and polarisation matter, with ``error_budget`` also its antennas and resolution.
-    :func:`datafactory.read_paths` reads the paths themselves. Errors are those of
-    :func:`datafactory.render`.
+    :func:`datafactory.read_paths` reads the paths themselves. Errors are those of :func:`datafactory.render`.
     """
     menu = None if asked.error_budget is None else menu_for(asked.rays, asked.depth).of_paths()
     order = order_of(common(OrderOptions, asked), synthesis=False)

@@ -212,7 +212,7 @@ class TargetEchoes:
             return itself
         whole = np.bincount(self._points.target, self._points.rcs_m2, len(self._nominal))
         of_sight = self._view.wavelength_m**2 * np.maximum(whole, self._nominal) / (4.0 * np.pi) ** 3
-        power = MIRRORED_MORE * of_sight / np.maximum(lengths(self._away), 1e-3) ** 4
+        power = MIRRORED_MORE * of_sight / np.maximum(lengths(self._away), NEAREST_M) ** 4
         followed = np.where(self._heard, power, 0.0)
         return Candidates.joined([itself, Candidates.of(TARGET_MIRRORED, self._away, followed)])
 

@@ -29,7 +29,7 @@ from shared.dataset.folder import SPLITS
 from shared.dataset.locations import Location, RemotePath, file_size
 from shared.physics.errors import InputError
 from shared.processes.machine import may_start_processes, usable_cores, usable_memory
-from shared.processes.telling import Announce
+from shared.processes.telling import Announce, silent
 from shared.radar import Radar
 
 BASE_BYTES = 500e6
@@ -127,7 +127,7 @@ class Load:
         return CUBES * cube + MOST_FRAMES * kept + matrices
 
 
-def workers_for(load: Load, asked: int, announce: Announce = lambda line: None) -> int:
+def workers_for(load: Load, asked: int, announce: Announce = silent) -> int:
     """Worker processes of a run: those asked for, or for 0 as many as there are cores and memory for.
 
     What is large is announced.

@@ -30,7 +30,7 @@ from shared.dataset import arrow_schema, description
 from shared.dataset.locations import Location
 from shared.dataset.manifest import MANIFEST, ShardRecord, read_manifest, shard_records
 from shared.physics.errors import InputError
-from shared.processes.telling import Announce
+from shared.processes.telling import Announce, silent
 from shared.radar import Radar, validated
 from shared.radar.waveform import Waveform
 from shared.signal.tdm import statement
@@ -189,7 +189,7 @@ class Recipe:
     manifest: dict[str, Any]
 
 
-def prepare(order: Order, table: MaterialTable, announce: Announce = lambda line: None) -> Recipe:
+def prepare(order: Order, table: MaterialTable, announce: Announce = silent) -> Recipe:
     """Make an order's inputs ready.
 
     :raises InputError: whatever is wrong with a scene or with a folder of traced paths, or two files of one name

@@ -43,6 +43,7 @@ from shared.dataset.reading import radar_of
 from shared.dataset.writing import atomic, make_folder
 from shared.physics.errors import InputError, figure_text
 from shared.pictures import save_figure
+from shared.processes.telling import silent
 from shared.radar import validated
 
 Picture = NDArray[np.uint8]
@@ -259,7 +260,7 @@ class Cameras:
             scene = self._given.get(entry.content_sha256) or recorded(vars(entry), entry.source)
             if scene.content_hash() != entry.content_sha256:
                 raise InputError(entry.source, "is not the scene that was rendered", "the file as it was then")
-            self._opened[name] = prepared_scene(scene, self._materials, lambda line: None)
+            self._opened[name] = prepared_scene(scene, self._materials, silent)
         return self._opened[name]
 
 

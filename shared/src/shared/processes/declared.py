@@ -8,7 +8,7 @@ function's parameters of the fields, and :func:`shared.cli.options.asking` a com
 
 import inspect
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import update_wrapper
 from numbers import Integral, Real
@@ -113,7 +113,7 @@ class Declared(NamedTuple):
         if isinstance(value, Real) and (int in kinds or float in kinds):
             return int(value) if isinstance(value, Integral) else float(value)
         if self.option.several and value is not None:
-            return tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else (value,)
+            return tuple(value) if isinstance(value, Iterable) and not isinstance(value, str) else (value,)
         return Path(value) if Path in kinds and str not in kinds and value is not None else value
 
     def _require_usable(self, text: Any) -> None:

@@ -77,6 +77,13 @@ def run_command(program: str, load: Callable[[], Callable[[], None]]) -> None:
         _say(program)
     except KeyboardInterrupt:
         _say(program)
+    finally:
+        # Where an interrupt ends code that a library runs by PyRun_String, CPython notes it, and ends the process by
+        # the signal instead of our status though it was caught. The next code that is run so takes the note back.
+        if _Interrupts.received:
+            import ctypes  # where needed: few commands are interrupted
+
+            ctypes.pythonapi.PyRun_SimpleString(b"")
 
 
 def _say(program: str) -> None:

@@ -25,6 +25,7 @@ Cube = Complex64[np.ndarray, "chirps samples channels"]
 class Recorded:
     """A cube as the radar would record it.
 
+    :param cube: [chirps, samples, channels] [sqrt(W)]
     :param saturated: how many parts of its samples, I or Q, left the converter's range
     :param conversion_w: mean power of the converter's rounding in a sample [W]
     """
