@@ -57,6 +57,7 @@ REFUSED = [
     (("render", "none.usda"), "none.usda: no such file"),
     (("render", str(SCENES)), f"{SCENES}: no such file: it is a folder; expected a scene file"),
     (("render", "--scene", ""), "--scene: ''; expected a text that is not empty"),
+    ((*TINY, "--frames", "0", "--points", "2"), "--scene: beside --frames 0, which makes none of it; expected one of"),
     ((*TINY, "--scene", "~/x.usda"), "--scene: '~/x.usda': ~ was not replaced by the home folder; expected the path"),
     ((*TINY, "--materials", "~/x.toml"), "--materials: '~/x.toml': ~ was not replaced by the home folder"),
     (("render", "sionna:atlantis"), "sionna:atlantis: "),
@@ -112,7 +113,8 @@ def test_a_run_that_was_refused_leaves_no_bar_behind(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("command", ["plan", "accuracy"])
-def test_a_file_in_place_of_a_folder_is_refused_before_any_work(command: str, tmp_path: Path) -> None:
+def test_a_file_or_no_name_in_place_of_a_folder_is_refused_before_any_work(command: str, tmp_path: Path) -> None:
+    assert refused(command, "none.usda", "--out", "").startswith("datafactory: --out: ''; expected a text that is")
     (tmp_path / "file").write_text("kept", encoding="utf-8")
     for out in (tmp_path / "file", tmp_path / "file" / "folder"):
         line = refused(command, "none.usda", "--out", out)

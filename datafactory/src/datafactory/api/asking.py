@@ -245,13 +245,15 @@ def order_of(asked: OrderOptions, synthesis: bool = True) -> Order:
         raise InputError("--scene", "missing", "a scene file or sionna:NAME, or --paths")
     if not (of_scenes or traced or asked.points or targets):
         raise InputError("--frames", "0 and --points 0: nothing to render", "at least one frame")
+    if scenes and not of_scenes:
+        raise InputError("--scene", "beside --frames 0, which makes none of it", "one of them")
     effects = parse_effects(asked.effects if isinstance(asked.effects, str) else ",".join(asked.effects))
     radar, folder, rows = radar_of(asked.radar), None, tuple[StoredRow, ...]()
     if asked.paths is not None:
         folder, rows = stored_paths(locate(asked.paths), radar, asked.split, effects)
     return Order(
         radar=radar,
-        scenes=scenes if of_scenes else (),
+        scenes=scenes,
         traced=folder,
         stored=rows,
         frames=frames,

@@ -250,6 +250,10 @@ class PlanOptions(TellingOptions, DeviceOptions, SignalOptions, SamplingOptions,
     times: Annotated[bool, Option("Measure what each effect costs in time.", there=True)] = False
 
 
+class PlanCommandOptions(PlanOptions):
+    out: Annotated[Path | None, Option("Folder for plan.json and plan.png.", first=True)] = None
+
+
 class ViewOptions(TellingOptions, SamplingOptions, SensorOptions, StoredOptions, SceneOptions, heading="Output"):
     scene: Annotated["SceneLike | None", SCENE] = field(kw_only=False)
     out: Annotated["FileName", Option(

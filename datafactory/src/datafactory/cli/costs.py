@@ -9,24 +9,22 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from datafactory.api.options import AccuracyOptions, OrderOptions, PlanOptions
+from datafactory.api.options import AccuracyOptions, OrderOptions, PlanCommandOptions, PlanOptions
 from datafactory.defaults import DEFAULT_FRAMES, IMAGE_BATCH
 from shared.cli.console import plain_console, table
 from shared.cli.options import asking
 from shared.physics.errors import InputError
+from shared.processes.declared import common
 
 PLAN_WIDTH = 150
 ACCURACY_WIDTH = 120
 """Columns that the tables of plan and accuracy need; a narrower terminal wraps their lines rather than their cells."""
 
 
-@asking(PlanOptions)
+@asking(PlanCommandOptions)
 def plan(
-    asked: PlanOptions,
+    asked: PlanCommandOptions,
     as_json: Annotated[bool, typer.Option("--json", help="Print the plan as JSON and nothing else.")] = False,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Folder for plan.json and plan.png.", show_default=False)
-    ] = None,
 ) -> None:
     """Say which effects will be simulated, why, what each costs and what leaving it out would cost.
 
@@ -37,11 +35,11 @@ def plan(
     from shared.cli.progress import bars
     from shared.dataset.writing import write_json
 
-    if out is not None:
+    if (out := asked.out) is not None:
         _require_folder(out)
     console = plain_console(stderr=as_json)
     with bars(console, transient=True) as advance:
-        planned = plan_of(**{**vars(asked), "announce": console.print, "progress": advance})
+        planned = plan_of(**{**vars(common(PlanOptions, asked)), "announce": console.print, "progress": advance})
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         for number, item in enumerate(planned):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from inspect import Parameter
+from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import typer
@@ -48,20 +49,22 @@ def _parameters(item: Declared) -> list[Parameter]:
     """Typer's of an option; one that a newcomer needs has no heading: those without come first."""
     option, found = item.option, []
     kind, default, flag = option.typed or item.annotation, item.default, item.flag
+    as_typed = str if kind in (Path, Path | None) else None  # a Path of '' would be the current folder
     if (default is True or option.there is True) and kind is bool:
         flag += f"/--no-{flag[2:]}"
     if option.flag is None:
-        return [_parameter(item.name, kind, default, typer.Argument(metavar=option.place, help=option.help))]
+        declaration = typer.Argument(metavar=option.place, help=option.help, path_type=as_typed)
+        return [_parameter(item.name, kind, default, declaration)]
     if default in (None, ()) or option.place:
         kind, default = kind | None, None
     if option.place:
-        placed = typer.Argument(metavar=option.place, help=option.placed)
+        placed = typer.Argument(metavar=option.place, help=option.placed, path_type=as_typed)
         found.append(_parameter(item.name + BY_PLACE, kind, None, placed))
     least, most = (None if abs(bound) == float("inf") else bound for bound in (option.least, option.most))
     panel = None if option.first else item.heading or None
     declaration = typer.Option(
         flag, min=least, max=most, metavar=option.metavar, help=option.help, rich_help_panel=panel,
-        show_default=option.otherwise or True,
+        show_default=option.otherwise or True, path_type=as_typed,
     )  # fmt: skip
     for other in (option.usual, option.there) if option.otherwise is None else ():
         default = default if other is None else other
