@@ -49,7 +49,8 @@ def _parameters(item: Declared) -> list[Parameter]:
     """Typer's of an option; one that a newcomer needs has no heading: those without come first."""
     option, found = item.option, []
     kind, default, flag = option.typed or item.annotation, item.default, item.flag
-    as_typed = str if kind in (Path, Path | None) else None  # a Path of '' would be the current folder
+    # A Path of '' would be the current folder; the group makes one of the text.
+    as_typed = str if item.annotation in (Path, Path | None) and option.typed is None else None
     if (default is True or option.there is True) and kind is bool:
         flag += f"/--no-{flag[2:]}"
     if option.flag is None:
