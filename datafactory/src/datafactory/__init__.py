@@ -29,48 +29,25 @@ if TYPE_CHECKING:
     from shared.radar import load_radar as load_radar
 
 __version__: str
-__all__ = [
-    "Converted",
-    "InputError",
-    "Pose",
-    "Radar",
-    "Report",
-    "RunFailed",
-    "Scene",
-    "ScenePlan",
-    "convert",
-    "load_radar",
-    "load_scene",
-    "merge",
-    "plan",
-    "read_paths",
-    "read_poses",
-    "read_targets",
-    "render",
-    "trace",
-]
-
-__getattr__, __dir__ = lazy_names(
-    __name__,
-    "sparseradar-datafactory",
-    {
-        "Converted": "datafactory.api.making",
-        "InputError": "shared.physics.errors",
-        "Pose": "datafactory.scenes.poses",
-        "Radar": "shared.radar",
-        "Report": "datafactory.run.pipeline",
-        "RunFailed": "datafactory.run.portions",
-        "Scene": "datafactory.scenes.scene",
-        "ScenePlan": "datafactory.api.planning",
-        "convert": "datafactory.api.making",
-        "load_radar": "shared.radar",
-        "load_scene": "datafactory.api.asking",
-        "merge": "datafactory.api.making",
-        "plan": "datafactory.api.planning",
-        "read_paths": "datafactory.paths.storage",
-        "read_poses": "datafactory.scenes.poses",
-        "read_targets": "datafactory.frame.points",
-        "render": "datafactory.api.making",
-        "trace": "datafactory.api.making",
-    },
-)
+_MODULES = {
+    "Converted": "datafactory.api.making",
+    "InputError": "shared.physics.errors",
+    "Pose": "datafactory.scenes.poses",
+    "Radar": "shared.radar",
+    "Report": "datafactory.run.pipeline",
+    "RunFailed": "datafactory.run.portions",
+    "Scene": "datafactory.scenes.scene",
+    "ScenePlan": "datafactory.api.planning",
+    "convert": "datafactory.api.making",
+    "load_radar": "shared.radar",
+    "load_scene": "datafactory.api.asking",
+    "merge": "datafactory.api.making",
+    "plan": "datafactory.api.planning",
+    "read_paths": "datafactory.paths.storage",
+    "read_poses": "datafactory.scenes.poses",
+    "read_targets": "datafactory.frame.points",
+    "render": "datafactory.api.making",
+    "trace": "datafactory.api.making",
+}
+__all__ = list(_MODULES)
+__getattr__, __dir__ = lazy_names(__name__, "sparseradar-datafactory", _MODULES)

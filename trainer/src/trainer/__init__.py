@@ -29,46 +29,24 @@ if TYPE_CHECKING:
     from trainer.training.fit import fit as fit
 
 __version__: str
-__all__ = [
-    "Example",
-    "Imager",
-    "InputError",
-    "Predictor",
-    "RadarDataset",
-    "Run",
-    "calibrate",
-    "choose_array",
-    "estimators",
-    "evaluate",
-    "export",
-    "fit",
-    "import_capture",
-    "load_imager",
-    "predict",
-    "pretrained_names",
-    "pretrained_run",
-]
-
-__getattr__, __dir__ = lazy_names(
-    __name__,
-    "sparseradar-trainer",
-    {
-        "Example": "trainer.data.dataset",
-        "Imager": "trainer.run.imager",
-        "InputError": "shared.physics.errors",
-        "Predictor": "trainer.run.predictor",
-        "RadarDataset": "trainer.data.dataset",
-        "Run": "trainer.run.folder",
-        "calibrate": "trainer.captures.calibrating",
-        "choose_array": "trainer.data.arrays",
-        "estimators": "trainer.estimators",
-        "evaluate": "trainer.evaluation.evaluate",
-        "export": "trainer.run.export",
-        "fit": "trainer.training.fit",
-        "import_capture": "trainer.captures.importing",
-        "load_imager": "trainer.run.folder",
-        "predict": "trainer.run.predict",
-        "pretrained_names": "trainer.run.pretrained",
-        "pretrained_run": "trainer.run.pretrained",
-    },
-)
+_MODULES = {
+    "Example": "trainer.data.dataset",
+    "Imager": "trainer.run.imager",
+    "InputError": "shared.physics.errors",
+    "Predictor": "trainer.run.predictor",
+    "RadarDataset": "trainer.data.dataset",
+    "Run": "trainer.run.folder",
+    "calibrate": "trainer.captures.calibrating",
+    "choose_array": "trainer.data.arrays",
+    "estimators": "trainer.estimators",
+    "evaluate": "trainer.evaluation.evaluate",
+    "export": "trainer.run.export",
+    "fit": "trainer.training.fit",
+    "import_capture": "trainer.captures.importing",
+    "load_imager": "trainer.run.folder",
+    "predict": "trainer.run.predict",
+    "pretrained_names": "trainer.run.pretrained",
+    "pretrained_run": "trainer.run.pretrained",
+}
+__all__ = list(_MODULES)
+__getattr__, __dir__ = lazy_names(__name__, "sparseradar-trainer", _MODULES)
