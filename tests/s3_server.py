@@ -4,6 +4,8 @@ Run as a program it serves on the port given, with buckets that it is told to ma
 fail whose method and path contain the words given, from the n-th on, with the status given::
 
     {"method": "PUT", "path": "part-00001", "after": 0, "status": 500, "times": 1000}
+
+With ``"done": true`` what is asked for is done, and the answer lost.
 """
 
 from __future__ import annotations
@@ -127,7 +129,10 @@ def _serve(port: int) -> None:
                 fault["after"] -= 1
             elif fault.get("times", 1_000_000) > 0:
                 fault["times"] = fault.get("times", 1_000_000) - 1
-                environ["wsgi.input"].read(int(environ.get("CONTENT_LENGTH") or 0))
+                if fault.get("done"):
+                    list(store(environ, lambda *_: None))
+                else:
+                    environ["wsgi.input"].read(int(environ.get("CONTENT_LENGTH") or 0))
                 code = {403: "AccessDenied", 500: "InternalError"}[fault["status"]]
                 start(f"{fault['status']} {code}", [("Content-Type", "application/xml")])
                 return [f"<Error><Code>{code}</Code><Message>made to fail</Message></Error>".encode()]

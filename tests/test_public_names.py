@@ -145,8 +145,9 @@ def test_a_plan_says_what_the_command_says(radar_file: Path) -> None:
 
 def test_a_bad_argument_is_refused_in_one_line(tmp_path: Path) -> None:
     """Of all others the command says the same (``tests/datafactory/cli/test_command_line.py``)."""
-    with pytest.raises(datafactory.InputError, match=r"^--rays: 0; expected 1 to 20000000$"):
-        datafactory.render(TINY, tmp_path / "out", rays=0)
+    for rays in (0, True):
+        with pytest.raises(datafactory.InputError, match=rf"^--rays: {rays}; expected (a whole.*, )?1 to 20000000$"):
+            datafactory.render(TINY, tmp_path / "out", rays=rays)
     assert not (tmp_path / "out").exists()
 
 

@@ -24,6 +24,7 @@ from datafactory.paths.candidates import (
     TWICE,
     Candidates,
 )
+from datafactory.paths.cells import cell_numbers
 from datafactory.paths.corners import corners_of
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.notice import Notice, first_echoes
@@ -38,6 +39,7 @@ from datafactory.scenes.poses import Pose, read_poses
 from datafactory.scenes.scene import Scene, SceneObject
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
+from shared.radar.arrays import AntennaArray
 from shared.signal.windows import angle_window, cell_noise_power, point_spread
 
 RADAR = Radar()
@@ -122,6 +124,14 @@ def test_a_group_is_followed_as_a_whole() -> None:
     weak, strong = ahead(30.0, np.array([0.1 * limit]), TWICE), ahead(60.0, np.array([2.0 * limit]), TWICE)
     assert not NOTICE.worth(weak, limit).any()
     assert NOTICE.worth(Candidates.joined([weak, strong]), limit).all()
+
+
+def test_a_sensor_that_tells_no_angle_has_one_cell_a_range_bin() -> None:
+    alone = AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=((0.0, 0.0, 0.0),))
+    radar = RADAR.model_copy(update={"virtual_sensor": alone})
+    sides = np.array([[0.0, -20.0, 0.0], [20.0, 0.0, 0.0], [0.0, 20.0, 0.0]])
+    _, column, columns = cell_numbers(np.full(3, 20.0), sides, radar, "taylor-30")
+    assert (column.tolist(), columns) == ([0, 0, 0], 1)
 
 
 def test_what_is_beyond_the_range_is_not_looked_for() -> None:

@@ -105,6 +105,15 @@ def test_only_one_of_two_writes_that_depend_on_the_same_state_succeeds(folder):
     assert (folder / "lock").size() is None
 
 
+@pytest.mark.parametrize("before", [False, True])
+def test_a_write_whose_answer_is_lost_is_known_for_ones_own(server, folder, before):
+    """It is sent again, and the store holds what was sent first."""
+    tag = stores.put_if(folder / "lock", b"before", None) if before else None
+    server.fail(method="PUT", path="lock", status=500, times=1, done=True)
+    assert stores.put_if(folder / "lock", b"mine", tag) == asked(folder / "lock").tag
+    assert (folder / "lock").read_bytes() == b"mine"
+
+
 def test_a_folder_is_listed_and_removed_with_all_that_is_in_it(folder):
     for name in ("a", "b/c", "b/d/e"):
         write_bytes(folder / name, b"x")

@@ -73,14 +73,27 @@ STEP = {step}
 def plus(value):
     return value + STEP
 """
+BY_TYPE = """
+from numba.extending import overload
+
+STEP = {step}
+
+def plus(value):
+    return value + STEP
+
+@overload(plus)
+def _plus(value):
+    return lambda value: value + STEP
+"""
 
 
-def test_kept_code_is_compiled_anew_where_a_function_that_it_calls_has_changed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("part", [PART, BY_TYPE])
+def test_kept_code_is_compiled_anew_where_a_function_that_it_calls_has_changed(part: str, tmp_path: Path) -> None:
     """Another file than the caller's, which numba does not look at."""
     (tmp_path / "outer.py").write_text(OUTER)
     said = []
     for step in (1, 1, 5):
-        (tmp_path / "part.py").write_text(PART.format(step=step))
+        (tmp_path / "part.py").write_text(part.format(step=step))
         said.append(run("import outer", tmp_path, tmp_path / "home"))
     assert said == ["False 2", "True 2", "False 6"]
 

@@ -186,6 +186,19 @@ def test_a_target_on_the_left_leads_the_channels_in_the_order_of_their_numbers()
     np.testing.assert_allclose(steps, np.pi * np.sin(0.1) * radar.waveform.mid_sweep_hz / 77e9, rtol=0.01)
 
 
+@pytest.mark.parametrize(("tx", "interval_s", "tx_m"), [("", 134e-6, (0.0, 0.004)), ("tx = [2]", 67e-6, (0.004,))])
+def test_the_tx_of_an_own_array_take_the_turns_of_its_capture(tmp_path: Path, tx: str, interval_s: float, tx_m) -> None:
+    """Worked out by hand: 7 us idle and a ramp of 60 us for each TX, where the default radar has three."""
+    text = (
+        "[array]\ntx_m = [[0, 0, 0], [0, 0.004, 0]]\nrx_m = [[0, 0, 0], [0, 0.002, 0]]\n[capture]\n"
+        "start_frequency_hz = 77e9\nslope_hz_per_s = 3e13\nidle_time_s = 7e-6\nramp_end_time_s = 60e-6\n"
+        f"samples = 128\nsample_rate_hz = 4e6\nchirps = 16\n{tx}\n"
+    )
+    radar = load_radar(file(tmp_path, text))
+    assert radar.waveform.chirp_interval_s == pytest.approx(interval_s, rel=1e-12)
+    assert [y for _, y, _ in radar.array.tx_m] == list(tx_m)
+
+
 def test_a_mirrored_board_sees_the_other_side(tmp_path: Path) -> None:
     plain, turned = load_radar("iwr1843"), load_radar(file(tmp_path, 'board = "iwr1843"\nmirror = true\n'))
     np.testing.assert_array_equal(turned.array.virtual, plain.array.virtual * [1.0, -1.0, 1.0])
@@ -262,6 +275,8 @@ REFUSED = [
     ("[waveform]\nsamples = 40000\nrange_bins = 40000\nchirps = 1\n[grid]\nbins = 20000", "make an image of 3.2 GB"),
     ("[waveform]\nchirps = 1\nsamples = 20000\n[front_end]\nphase_noise = { level_dbc_per_hz = -100 }", "of 3.2 GB"),
     (f"[array]\ntx_m = {MANY}\nrx_m = {MANY}", "200 TX and 200 RX make 40000 channels; expected at most 16384"),
+    ("[virtual_sensor]\ntx_m = [[0, 0, 0], [0, 1, 0]]\nrx_m = [[0, 0, 0]]", "virtual_sensor.tx_m has 2 TX; expected 1"),
+    ("[virtual_sensor]\ntx_m = [[0, 0, 0]]\nrx_m = [[0, 0, 0], [0, 0.004, 0], [0, 0.002, 0]]", "neighbours 1.03 wave"),
     # Boards.
     ("board = 'iwr9'", "board = 'iwr9'; expected one of ['iwr1443'"),
     ("board = 3", "board = 3; expected one of"),
@@ -298,6 +313,7 @@ def test_a_wrong_file_is_one_line(tmp_path: Path, text: str, parts: list[str]) -
         ("chirpCfg 1 1 0 0 0 0 0 4", "", "frameCfg 0 1; expected chirps that a chirpCfg describes"),
         ("chirpCfg 1 1 0 0 0 0 0 4", "chirpCfg 0 1 0 0 0 0 0 1", "tx = [1, 1]; expected each TX once"),
         ("chirpCfg 1 1 0 0 0 0 0 4", "chirpCfg 1 1 0 0 0 0 0 8", "there is no 4; expected 1 to 3"),
+        ("chirpCfg 1 1 0 0 0 0 0 4", "chirpCfg 1 1 0 0 0 50 0 4", "0 50 0 4; expected variations of 0"),
         ("frameCfg 0 1 16", "frameCfg 0 x 16", "frameCfg: could not convert"),
         ("frameCfg 0 1 16", "frameCfg 0 1 nan", "at least 3 finite numbers"),
         ("60 0 0 20", "50 0 0 20", "samples end 5.5"),

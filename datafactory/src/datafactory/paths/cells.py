@@ -111,8 +111,10 @@ def cell_numbers(range_m: Real, arrival: Real, radar: Radar, truth_window: str) 
     """
     elements, wavelength = radar.virtual_sensor.channels, radar.waveform.wavelength_m
     aperture = float(np.ptp(radar.virtual_sensor.rx[:, 1]))
-    spacing = aperture / (elements - 1) / wavelength if elements > 1 else 0.5
-    width, _ = point_spread(angle_window(truth_window, elements), spacing)
+    width = 2.0  # of a sensor that tells no angle
+    if aperture > 0.0:
+        spacing = aperture / (elements - 1) / wavelength
+        width = min(point_spread(angle_window(truth_window, elements), spacing)[0], width)
     columns = int(np.ceil(2.0 / width))
     u = arrival[:, 1] / np.maximum(lengths(arrival), 1e-9)
     row = np.rint(range_m / radar.waveform.range_step_m).astype(np.int64)

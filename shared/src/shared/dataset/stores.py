@@ -86,6 +86,7 @@ def put(path: RemotePath, file: Path, sha256: str) -> None:
 def put_if(path: RemotePath, content: bytes, tag: str | None) -> str | None:
     """Write a small object where the store still holds the one of this tag, or none if the tag is None.
 
+    :param content: of nobody else
     :returns: the new tag; None where another was faster
     :raises OSError: a store that refuses or does not answer; naming the object
     """
@@ -93,13 +94,15 @@ def put_if(path: RemotePath, content: bytes, tag: str | None) -> str | None:
         from obstore.exceptions import AlreadyExistsError, PreconditionError
 
         try:
-            result = store.put(key, content, mode="create" if tag is None else {"e_tag": tag})
-        except (AlreadyExistsError, PreconditionError):
-            return None
+            try:
+                return str(store.put(key, content, mode="create" if tag is None else {"e_tag": tag})["e_tag"])
+            except (AlreadyExistsError, PreconditionError):
+                # A request whose answer was lost is sent again, and meets what it wrote itself.
+                found = store.get(key)
+                return str(found.meta["e_tag"]) if found.bytes() == content else None
         except FileNotFoundError as error:  # the object of the tag is gone
             _require_bucket(error)
             return None
-    return str(result["e_tag"])
 
 
 def remove(*paths: RemotePath) -> None:

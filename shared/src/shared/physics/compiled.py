@@ -39,7 +39,6 @@ from typing import Any
 
 import numba
 from numba.core.cpu import CPUContext
-from numba.core.dispatcher import Dispatcher
 
 _OWN = {"error_model": "python", "fastmath": False, "forceinline": False}
 """What numba would take over from the first caller: its own defaults."""
@@ -109,10 +108,12 @@ def _stamped(kernel: Any) -> Any:
         function: FunctionType = left.pop()
         sources.add(function.__code__.co_filename)
         for name in function.__code__.co_names:
-            value = function.__globals__.get(name)
-            if isinstance(value, Dispatcher) and value.py_func not in found:
-                found.add(value.py_func)
-                left.append(value.py_func)
+            value: Any = function.__globals__.get(name)
+            called = inspect.unwrap(getattr(value, "py_func", value))
+            # What is no kernel may stand for one by its arguments' types (``numba.extending.overload``).
+            if isinstance(called, FunctionType) and called not in found:
+                found.add(called)
+                left.append(called)
             elif isinstance(value, int | float | complex | tuple):
                 constants.add(f"{name} = {value!r}")
     digest = hashlib.sha256("\n".join(sorted(constants)).encode())

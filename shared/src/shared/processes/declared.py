@@ -105,7 +105,8 @@ class Declared(NamedTuple):
         if choices and value is not None and value not in choices:
             raise InputError(self.flag, repr(value), f"one of {', '.join(choices)}{meant(str(value), choices)}")
         kinds = get_args(self.annotation) if isinstance(self.annotation, UnionType) else (self.annotation,)
-        if not any(isinstance(value, PLAIN.get(kind, (object, ""))[0]) for kind in kinds):
+        no_number = isinstance(value, bool) and bool not in kinds and (int in kinds or float in kinds)
+        if no_number or not any(isinstance(value, PLAIN.get(kind, (object, ""))[0]) for kind in kinds):
             plain = " or ".join(PLAIN[kind][1] for kind in kinds)
             raise InputError(self.flag, repr(value), ", ".join(filter(None, (plain, bounds))))
         if bounds and value is not None and not self.option.least <= value <= self.option.most:

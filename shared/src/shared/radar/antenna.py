@@ -215,7 +215,8 @@ class TablePattern(BaseModel, frozen=True, extra="forbid"):
             if any(right <= left for left, right in pairwise(axis)):
                 raise ValueError(f"{name} does not rise throughout; expected each value once, in rising order")
             if axis[0] < lowest or axis[-1] > highest:
-                raise ValueError(f"{name} = {min(axis[0], -axis[-1]):g}; expected {lowest:g} to {highest:g}")
+                outside = axis[0] if axis[0] < lowest else axis[-1]
+                raise ValueError(f"{name} = {outside:g}; expected {lowest:g} to {highest:g}")
             if self.outside_gain_dbi is None and (axis[0] > lowest or axis[-1] < highest):
                 raise ValueError(
                     f"{name} runs from {axis[0]:g} to {axis[-1]:g}; expected {lowest:g} to {highest:g}, or "

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
+import numpy as np
 from pydantic import BaseModel, Field, StrictFloat, ValidationError
 
 from shared.physics.errors import InputError, meant
@@ -40,6 +41,9 @@ PRESETS: dict[str, Callable[[], Radar]] = {
 
 ABOVE = ("board", "mirror", "capture")
 """Entries of a radar's file that say what its tables begin with."""
+WIDEST_STEP = 0.55
+"""Wavelengths between neighbours of the virtual sensor: half of one, and as much as a sensor that was laid out for
+another carrier of the band differs."""
 MAXIMUM_RESIDUAL_PHASE_RAD = 0.3
 """The first order of exp(j x) that the phase noise's model keeps is then wrong by at most x^2 / 2, -27 dB."""
 
@@ -94,19 +98,20 @@ def load_capture_radar(path_of_radar: str, board: str | None, mirror: bool = Fal
     document: dict[str, Any] = {"capture": path.name} if path.suffix == ".cfg" else read_toml(path)
     if board is not None:
         document["board"] = board
-    if mirror:
-        document["mirror"] = not document.get("mirror", False)
     _read_pattern_tables(path, document)
-    real, rx = _on_board(path, document)
+    real, rx = _on_board(path, document, mirror)
     radar = validated(Radar, {"name": path.stem, **document}, path, ABOVE)
     _check_together(path, radar)
     return CaptureRadar(radar, real, rx)
 
 
-def _on_board(path: Path, document: dict[str, Any]) -> tuple[bool, tuple[int, ...]]:
-    """Put what ``board``, ``mirror`` and ``capture`` say in place of them; (are samples real, numbers of RX)."""
+def _on_board(path: Path, document: dict[str, Any], turned: bool) -> tuple[bool, tuple[int, ...]]:
+    """Put what ``board``, ``mirror`` and ``capture`` say in place of them; (are samples real, numbers of RX).
+
+    :param turned: mirror once more
+    """
     name, mirror, capture = (document.pop(key, None) for key in ABOVE)
-    if name is None and mirror is None and capture is None:
+    if name is None and mirror is None and capture is None and not turned:
         return False, ()
     for key, value, kind, expected in (
         ("board", name, str, f"one of {list(BOARDS)}"),
@@ -117,12 +122,15 @@ def _on_board(path: Path, document: dict[str, Any]) -> tuple[bool, tuple[int, ..
             raise InputError(path, f"{key} = {value!r}", expected)
     if name is not None and name not in BOARDS:
         raise InputError(path, f"board = {name!r}", f"one of {list(BOARDS)}")
+    mirror = bool(mirror) != turned
     if mirror and name is None:
         raise InputError(path, "mirror = true without a board", 'board = "NAME" beside it')
-    base = Radar() if name is None else board_radar(name, bool(mirror))
+    base = Radar() if name is None else board_radar(name, mirror)
     fields = {"waveform": base.waveform.model_dump(), "front_end": base.front_end.model_dump()}
     rx: tuple[int, ...] = ()
     array, real = base.array, name is not None and BOARDS[name]().profile.real
+    if "array" in document:  # its own: its TX take the turns, and a capture chooses of it
+        array = validated(Radar, {"array": document["array"]}, path).array
     if capture is not None:
         try:
             of_file = isinstance(capture, str)
@@ -136,7 +144,7 @@ def _on_board(path: Path, document: dict[str, Any]) -> tuple[bool, tuple[int, ..
             raise InputError(path, f"capture: {error}") from error
         fields["waveform"] = profile.waveform(len(array.tx_m)).model_dump()
         real, rx = profile.real, profile.rx
-    document.setdefault("array", array.model_dump())
+    document["array"] = array.model_dump()
     for table, values in fields.items():
         given = document.get(table, {})
         document[table] = {**values, **given} if isinstance(given, dict) else given
@@ -172,6 +180,13 @@ def _check_together(path: Path, radar: Radar) -> None:
         problem = f"waveform.chirp_interval_s = {waveform.chirp_interval_s!r} leaves each of {tx_count} TX {turn:g} s"
         expected = f"at least {tx_count} x chirp_duration_s = {tx_count * waveform.chirp_duration_s:g} with tdm"
         raise InputError(path, problem, expected)
+    sensor = radar.virtual_sensor
+    if len(sensor.tx_m) != 1:
+        raise InputError(path, f"virtual_sensor.tx_m has {len(sensor.tx_m)} TX", "1, which lights the truth")
+    steps = np.linalg.norm(np.diff(sensor.rx, axis=0), axis=1) / waveform.wavelength_m
+    if steps.max(initial=0.0) > WIDEST_STEP:
+        problem = f"virtual_sensor.rx_m has neighbours {steps.max():.3g} wavelengths apart"
+        raise InputError(path, problem, "RX in their order along a line, half a wavelength apart")
     for end in ("tx", "rx"):
         pattern, polarization = (getattr(radar.front_end, f"{end}_{name}") for name in ("pattern", "polarization"))
         axis = {"V": "z", "H": "y"}[polarization]

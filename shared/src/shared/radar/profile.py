@@ -162,6 +162,9 @@ def _senders(path: Path, lines: dict[str, list[list[str]]], first: int, last: in
         begin, end = int(numbers[0]), int(numbers[1])
         if not 0 <= begin <= end < 512:
             raise InputError(path, f"chirpCfg {begin} {end}", "chirps from 0 to 511, rising")
+        if any(numbers[3:7]):
+            given = " ".join(words)
+            raise InputError(path, f"chirpCfg {given}", "variations of 0: chirps that differ are not supported")
         masks.update(dict.fromkeys(range(begin, end + 1), int(numbers[7])))
     if not 0 <= first <= last < 512 or not set(range(first, last + 1)) <= masks.keys():
         raise InputError(path, f"frameCfg {first} {last}", "chirps that a chirpCfg describes")

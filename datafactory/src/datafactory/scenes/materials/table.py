@@ -199,6 +199,8 @@ class MaterialEntry(BaseModel, frozen=True, extra="forbid", strict=True):
             raise ValueError("scattering_coefficient and sigma0_db are both given; expected one of them")
         if self.scattering_coefficient is None and not all(calibrated):
             raise ValueError("no roughness; expected scattering_coefficient, or sigma0_db with grazing_deg")
+        if any(calibrated) and self.relative_permittivity == 1.0 and self.conductivity == 0.0:
+            raise ValueError("sigma0_db of what reflects nothing; expected relative_permittivity above 1")
         if self.valid_ghz[0] > self.valid_ghz[1]:
             raise ValueError(f"valid_ghz = {self.valid_ghz}; expected [lower, upper]")
         for phrase in (*self.aliases, *self.uses):
