@@ -15,8 +15,8 @@ after another, shape, triangle and distance would each follow all the rays again
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +26,6 @@ from datafactory.paths.merged_scene import MergedScene
 from datafactory.scenes.poses import Pose
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Index, Mask, Real
-
-KEPT = 4
-"""Scenes that a process keeps: the frames of several are dealt in turn."""
-
 
 MARGIN_M, MARGIN_SHARE = 1e-4, 2e-5
 """Error of a ray's float32 distance [m], nearby and as a share of the distance."""
@@ -76,18 +72,20 @@ class Geometry:
         return self
 
 
+_KEPT: WeakKeyDictionary[MergedScene, dict[str, Geometry]] = WeakKeyDictionary()
+"""Of each scene that there is, by Mitsuba's variant: the frames of several are dealt in turn."""
+
+
 def placed(merged: MergedScene, pose: Pose) -> Geometry:
     """The kept geometry of a scene, seen from a pose at its time.
 
     :param merged: at the pose's time
     """
-    rest = merged.at_rest or merged
-    return _kept(rest, select_variant()).place(merged, pose)
-
-
-@lru_cache(maxsize=KEPT)
-def _kept(rest: MergedScene, variant: str) -> Geometry:
-    return Geometry(rest)
+    rest, variant = merged.at_rest or merged, select_variant()
+    known = _KEPT.setdefault(rest, {})
+    if variant not in known:
+        known[variant] = Geometry(rest)
+    return known[variant].place(merged, pose)
 
 
 def name_of(mesh: int) -> str:
