@@ -62,12 +62,12 @@ def test_a_frame_is_the_same_first_or_fifth():
     backwards = [traced(merged, pose) for pose in reversed(POSES)]
     for pose, one, other in zip(POSES, kept, reversed(backwards), strict=True):
         same(one, other)
-        geometry_module._kept.cache_clear()
+        geometry_module._KEPT.clear()
         same(one, traced(merged, pose))
 
 
 def test_one_scene_is_kept_and_another_is_another():
-    geometry_module._kept.cache_clear()
+    geometry_module._KEPT.clear()
     merged = scene()
     one, other = (geometry_module.placed(merged.at(pose.time_s), pose) for pose in POSES[:2])
     assert one is other

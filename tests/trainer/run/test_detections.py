@@ -16,6 +16,7 @@ from tiny_run import make_run
 from typer.testing import CliRunner
 
 from shared.physics.errors import InputError
+from shared.radar import Radar, load_radar
 from shared.signal import if_signal
 from shared.signal.spectrum import select_doppler
 from shared.signal.windows import cell_noise_power, hann
@@ -26,6 +27,7 @@ from trainer.data.cfar import cfar_cells
 from trainer.data.measurements import Cells
 from trainer.data.simulation import amplitude_of, in_plane, snapshot
 from trainer.estimators.base import ESTIMATORS
+from trainer.estimators.fitting import alternating, hann_response
 from trainer.run.detection_files import UNITS, records, write_csv, write_pcd
 from trainer.run.detections import Detections, Sought, find_detections, line_probability
 from trainer.run.targets_once import hann_envelope_db
@@ -37,13 +39,17 @@ STEP = RADAR.waveform.range_step_m
 
 
 def detect(
-    snapshots: NDArray[np.complexfloating], velocity: NDArray[np.floating], probability=None, **sought: float
+    snapshots: NDArray[np.complexfloating],
+    velocity: NDArray[np.floating],
+    probability=None,
+    radar: Radar = RADAR,
+    **sought: float,
 ) -> Detections:
     """From delay-and-sum images of snapshots [D, R, C]."""
     chosen = snapshots[..., CHANNELS]
     image = np.stack([ESTIMATORS["das"]().image(peak, ARRAY, U, NOISE) for peak in chosen])
     cells = Cells(chosen, velocity)
-    return find_detections(image, probability, cells, RADAR, ARRAY, Sought(NOISE, **sought))
+    return find_detections(image, probability, cells, radar, ARRAY, Sought(NOISE, **sought))
 
 
 def at_rest(ranges: list[float], u: list[float], snr_db: list[float], seed: int = 0) -> NDArray[np.complex64]:
@@ -118,6 +124,20 @@ def test_what_leaks_from_tx_to_rx_at_range_zero_is_no_target() -> None:
     leakage = amplitude_of(40.0, RADAR) * np.exp(2j * np.pi * generator.random(seen.shape[2]))
     seen[0, :2] += np.array([1.0, -0.5])[:, None] * leakage
     found = detect(seen, np.zeros((1, 630)))
+    assert found.range_m / STEP == pytest.approx([200.0], abs=0.1)
+
+
+@pytest.mark.parametrize("place", [0.0, 0.3])
+def test_what_leaks_is_no_target_at_the_far_end_of_an_axis_that_comes_round(place: float) -> None:
+    """Of complex samples all bins are kept: the last ones show what stands at range zero as well, a converter's offset
+    among it."""
+    waveform = RADAR.waveform.model_copy(update={"samples": 630})
+    radar, bins = RADAR.model_copy(update={"waveform": waveform}), np.arange(630)
+    from_leakage = (bins - place + 315.0) % 630.0 - 315.0
+    seen = at_rest([200.0], [0.1], [30.0])
+    leakage = amplitude_of(40.0, RADAR) * np.exp(2j * np.pi * np.random.default_rng(4).random(seen.shape[2]))
+    seen[0] += (alternating(bins) * hann_response(from_leakage))[:, None] * leakage
+    found = detect(seen, np.zeros((1, 630)), radar=radar)
     assert found.range_m / STEP == pytest.approx([200.0], abs=0.1)
 
 
@@ -353,6 +373,23 @@ def test_an_echo_that_migrates_through_range_bins_is_one_line(tmp_path, speed: f
         strong = sorted((row for row in found if row["snr_db"] > 20.0), key=lambda row: row["range"])
         np.testing.assert_allclose([row["range"] for row in strong], bins * waveform.range_step_m, atol=0.02)
         np.testing.assert_allclose([row["u"] for row in strong], u, atol=2e-3)
+
+
+@pytest.mark.parametrize("speed", [8.4, 13.9])
+def test_an_echo_that_migrates_is_one_line_where_coinciding_elements_tell_its_interval(tmp_path, speed: float) -> None:
+    """Its Doppler cell counts the intervals: taken for a folded one it would migrate by less than nothing."""
+    radar = load_radar("mmwcas-azimuth")
+    draw = np.random.default_rng(1)
+    start = np.array([[15.2 * np.sqrt(1.0 - 0.2**2), 15.2 * 0.2, 0.0]])
+    velocity = speed * start / np.linalg.norm(start)
+    echo = if_signal(radar, start, velocity, np.full(1, amplitude_of(30.0, radar), complex))
+    noise = draw.standard_normal((*echo.shape, 2)) @ [1.0, 1.0j] * np.sqrt(0.5 * radar.sample_noise_power_w)
+    np.savez(tmp_path / "cube.npz", cube=(echo + noise).astype(np.complex64), radar=radar.model_dump_json())
+    predict(tmp_path / "cube.npz", tmp_path / "out", method="das", pictures=False, points=True, cells="all")
+    (found,) = pq.read_table(tmp_path / "out/images.parquet")["detections"].to_pylist()
+    strong = [row for row in found if row["snr_db"] > 30.0]
+    assert len(strong) == 1
+    assert strong[0]["velocity"] == pytest.approx(speed, abs=3.0 * strong[0]["velocity_std"])
 
 
 def test_shapes_that_do_not_fit_are_refused() -> None:

@@ -10,7 +10,7 @@ from scipy.ndimage import maximum_filter
 from scipy.special import gammaincc, gammainccinv
 from scipy.stats import ncx2
 
-from shared.radar import Radar
+from shared.radar import Radar, load_radar
 from shared.radar.arrays import AntennaArray
 from trainer.data.cfar import CELL_FALSE_ALARM, cfar_thresholds
 from trainer.data.measurements import Cells
@@ -138,8 +138,44 @@ def test_fewer_lines_need_more_and_any_radar_will_do() -> None:
             for lines in (1e-3, 1.0, 10.0, 1e9)
         ]
         assert (np.diff(levels) < 0.0).all()
-        assert levels[-1] == false_alarms.LEAST
     assert 10.0 < false_alarms.first_line_threshold(1.0, radar_of(1), ARRAYS["full"], False) < 20.0
+    here = LineArray(np.zeros(3), RADAR.waveform.wavelength_m)
+    assert false_alarms.first_line_threshold(1e9, RADAR, here, False) == false_alarms.LEAST
+
+
+def test_an_array_of_few_unequal_elements_has_a_level_too() -> None:
+    """Its lobes are so high that at low levels the equation has fewer lines than are asked for: with that level 53
+    lines of a frame of noise were listed, where 1 was asked for."""
+    y = np.array([-0.0301, -0.0147, 0.0009, 0.0302])
+    array = LineArray(y, RADAR.waveform.wavelength_m)
+    levels = [false_alarms.first_line_threshold(lines, RADAR, array, True) for lines in (0.1, 0.3, 1.0, 3.0, 10.0)]
+    steps = -np.diff(levels)
+    assert (steps[:2] > 1.0).all()  # three times as many lines are at least that much, of exp(-t)
+    assert levels[-1] > 8.0
+    assert (steps > 0.0).all()
+
+
+def test_an_array_that_tells_no_angle_has_no_lobes_wherever_it_stands() -> None:
+    """Rounding made some: one RX off the middle had a level that is no number."""
+    for place in (0.0, 1e-3, -7.3e-3):
+        array = LineArray(np.full(3, place), RADAR.waveform.wavelength_m)
+        assert len(false_alarms._lobes(array)) == 0
+
+
+@pytest.mark.parametrize("name", ["mmwcas-azimuth", "mmwcas"])
+def test_intervals_among_which_a_cell_chooses_are_counted(name: str) -> None:
+    """2.2 to 2.5 lines of a frame of noise were listed, where 1 was asked for."""
+    radar = load_radar(name)
+    waveform = radar.waveform.model_copy(update={"chirps": 32, "samples": 64, "range_bins": 64})
+    radar, draw, frames = radar.model_copy(update={"waveform": waveform}), np.random.default_rng(2), 12
+    predictor = Predictor.load("das", radar, PointsRequest(false_alarms=3.0), velocity=(0.0, 0.0))
+    listed = 0
+    for _ in range(frames):
+        parts = draw.standard_normal((32, 64, radar.array.channels, 2), dtype=np.float32)
+        cube = parts @ np.array([1.0, 1.0j]) * np.sqrt(0.5 * radar.sample_noise_power_w)
+        points = predictor.cube(cube).points
+        listed += 0 if points is None else len(points)
+    assert 1.8 < listed / frames < 4.2  # a standard error of 0.5; 6 and more before
 
 
 @pytest.mark.parametrize(

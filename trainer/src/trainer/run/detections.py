@@ -19,7 +19,6 @@ from scipy.special import expit, logit
 from shared.physics.errors import InputError
 from shared.physics.units import amplitude_to_db, db_to_power, power_to_db
 from shared.radar import Radar
-from shared.radar.waveform import Waveform
 from shared.signal.ego_motion import EgoMotion, moving_probability
 from shared.signal.model_error import model_error_ratio, with_model_error
 from trainer.data.measurements import Cells
@@ -73,8 +72,9 @@ LEAST_HEAD = 1e-4
 """Of h and of 1 - h: their logit stays finite, and heads of less do not differ."""
 MOST_MIGRATION = 2.0
 """Bins: an echo that migrates farther is no longer told by a mean place and a variance (step 8 of the fit)."""
-LEAST_BIN = 1.0
-"""Nearer stands what leaks from the TX into the RX, at range zero, of any phase in each channel."""
+LEAST_BIN, LAST_BINS = 1.0, 1.5
+"""Nearer stands what leaks from the TX into the RX, at range zero, of any phase in each channel; and it shows in the
+last bins of an axis that holds all that was sampled, which comes round there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +246,7 @@ def _fitted(
             np.stack([there[place] for place in places], axis=1) * straight[row, None]
             for there in (seen.range_channel, *(() if seen.beside is None else seen.beside))
         )
-        at = RangePlace(range_m[row], waveform.range_step_m, _migration(centres.cell[members], waveform))
+        at = RangePlace(range_m[row], waveform.range_step_m, _migration(centres.cell[members], radar))
         lines = fit_groups(values, bins, array, at, candidates[members], test)
         power = np.mean(np.abs(values) ** 2, axis=2)
         noise = with_model_error(test.noise_power, power.max(axis=1), model_error_ratio(test.model_error_db))
@@ -265,7 +265,8 @@ def _shown(found: _Fitted, lines: Lines, centres: Centres, radar: Radar) -> NDAr
     """[N] whether a line lies in the field of view, is placed by its cells, and is nearest to its own centre."""
     axis, half_bin = radar.grid.u, 0.5 * radar.grid.step
     in_view = (found.u >= axis[0] - half_bin) & (found.u <= axis[-1] + half_bin)
-    placed = ~(found.offset_std > PLACED_BINS) & (lines.place >= LEAST_BIN)
+    beyond = radar.waveform.samples - LAST_BINS
+    placed = ~(found.offset_std > PLACED_BINS) & (lines.place >= LEAST_BIN) & (lines.place <= beyond)
     at_a_centre = centres.are_at(lines.cell, np.rint(lines.place).astype(np.intp))
     return in_view & placed & (np.abs(found.offset) <= np.where(at_a_centre, OWN_BINS, REACH_BINS))
 
@@ -298,14 +299,17 @@ def with_moving(found: Detections, motion: EgoMotion | None, radar: Radar) -> De
     return replace(found, moving=moving_probability(motion, radar, *seen))
 
 
-def _migration(cell: NDArray[np.int64], waveform: Waveform) -> NDArray[np.float64]:
+def _migration(cell: NDArray[np.int64], radar: Radar) -> NDArray[np.float64]:
     """[n] range bins through which an echo migrates in the frame, at most: v T over a bin is d B / f_c in cell d.
 
-    The velocity may be folded once, unless the echo would migrate by more than MOST_MIGRATION then.
+    The velocity may be folded once, unless the echo would migrate by more than MOST_MIGRATION then; not where elements
+    that coincide tell its interval, which the cell then counts.
     """
+    waveform = radar.waveform
     bins_a_cell = waveform.bandwidth_hz / waveform.carrier_hz
     own, folded = np.abs(cell) * bins_a_cell, (waveform.chirps - np.abs(cell)) * bins_a_cell
-    return np.where(folded <= MOST_MIGRATION, folded, np.minimum(own, MOST_MIGRATION))
+    may_fold = (folded <= MOST_MIGRATION) & (radar.velocity_intervals == 1)
+    return np.where(may_fold, folded, np.minimum(own, MOST_MIGRATION))
 
 
 def _around(

@@ -32,6 +32,10 @@ A frame of R range bins so lists
 lines. Stored peaks of noise have no neighbour in their Doppler cell, if there is more than one: they are groups of one
 bin. Left out: a choice among neighbouring Doppler cells, whose noise is alike. docs/notes/points.md measures how many
 are listed.
+
+Where elements of different TX that take turns coincide, a cell has K velocity intervals, and is turned back by the one
+under which they agree best (:mod:`shared.signal.tdm`). A line of noise may stand under any of them, and one of energy T
+is kept with the probability that T itself makes its interval the best.
 """
 
 from __future__ import annotations
@@ -45,12 +49,15 @@ from scipy.special import gammaincc, gammainccinv
 from scipy.stats import ncx2
 
 from shared.radar import Radar
+from shared.signal.tdm import most_coherent
 from trainer.data.cfar import cfar_thresholds
 from trainer.estimators.array import LineArray, uniform_axis
 from trainer.estimators.fitting import hann_response, hann_slope, whitening
 
 LEAST, MOST = 1.0, 700.0
 """Levels between which the answer is sought."""
+LOWEST = np.arange(LEAST, 64.0)
+"""Levels from which on: below, where a lobe of the array is higher nearly always, the equation has few lines too."""
 REACH_BINS, OWN_BINS = 1.5, 0.5
 """Lines of a group stand within: where cells are chosen, and where every bin's only cell is fitted."""
 QUADRATURE = 16
@@ -59,6 +66,9 @@ LOWER = 0.1
 """Of a threshold, over which s is a quotient of differences."""
 LEAST_SHAPE = 1e-9
 """Of a Gamma distribution: a single channel has no rest."""
+LOOKED_AT = np.arange(0.0, 61.0, 4.0)
+"""Energies for which lines of noise are drawn under a cell's velocity intervals, so many of each:"""
+DRAWN = 400
 LOBE_POINTS = 16
 """Angles in a resolution cell among which lobes are sought."""
 
@@ -70,9 +80,9 @@ def first_line_threshold(lines: float, radar: Radar, array: LineArray, every_cel
     :param every_cell: cells that pass OS-CFAR are fitted, else the strongest Doppler cell of each range bin
     """
     shape = radar.waveform.range_bins, radar.waveform.chirps
-    seen = radar.grid.bins * radar.grid.step
+    seen, looks = radar.grid.bins * radar.grid.step, (1.0,) if every_cell else intervals_kept(radar)
     return _threshold(
-        lines, shape, radar.array.channels, tuple(array.positions_m), array.wavelength_m, seen, every_cell
+        lines, shape, radar.array.channels, tuple(array.positions_m), array.wavelength_m, seen, every_cell, looks
     )
 
 
@@ -85,6 +95,7 @@ def _threshold(
     wavelength_m: float,
     seen: float,
     every_cell: bool,
+    looks: tuple[float, ...],
 ) -> float:
     array = LineArray(np.array(positions_m), wavelength_m)
     flat = array.tells_no_angle
@@ -116,11 +127,31 @@ def _threshold(
         maxima, more = ((density(level) * width) @ chosen(height, lower) for lower in (0.0, LOWER))
         if len(lobes):
             maxima = maxima * _highest(height, 1.0 / (1.0 - np.log(more / maxima) / LOWER), lobes)
+        maxima = maxima * np.interp(height, LOOKED_AT[: len(looks)], looks)
         return float(np.log(shape[0] * shape[1] * slope * (maxima @ share) / lines) - level)
 
-    if excess(LEAST) <= 0.0:
-        return LEAST
-    return float(brentq(excess, LEAST, MOST))
+    begin = next((level for level in LOWEST if excess(level) > 0.0), None)
+    # Where more are asked for than the equation has at any level, the one at which it has most.
+    return float(max(LOWEST, key=excess) if begin is None else brentq(excess, begin, MOST))
+
+
+@lru_cache(maxsize=8)
+def intervals_kept(radar: Radar) -> tuple[float, ...]:
+    """Of a cell's velocity intervals, under how many a line of noise of the energies ``LOOKED_AT`` is expected to be
+    kept; 1 alone where all velocities are in one.
+
+    By drawn noise, always the same, in which a line at any angle has the energy; its angle's slopes are left out.
+    """
+    if radar.velocity_intervals == 1:
+        return (1.0,)
+    channels, draw = radar.array.channels, np.random.default_rng(0)
+    u = draw.uniform(-1.0, 1.0, (DRAWN, 1))
+    line = np.exp(-2j * np.pi / radar.waveform.wavelength_m * u * radar.array.virtual[:, 1]) / np.sqrt(channels)
+    noise = draw.standard_normal((DRAWN, channels, 2)) @ [np.sqrt(0.5), 1j * np.sqrt(0.5)]
+    noise -= np.sum(noise * line.conj(), axis=1, keepdims=True) * line
+    cells = noise + np.sqrt(LOOKED_AT)[:, None, None] * line
+    kept = np.mean(most_coherent(cells, radar) == 0, axis=1)
+    return tuple((radar.velocity_intervals * kept).tolist())
 
 
 def strongest_of(cells: int, channels: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -143,7 +174,9 @@ def _group(r: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.floa
 
 
 def _lobes(array: LineArray) -> NDArray[np.float64]:
-    """[n] |rho| of the array's lobes but the main one."""
+    """[n] |rho| of the array's lobes but the main one; none of an array that is alike at all angles."""
+    if array.tells_no_angle:
+        return np.empty(0)
     pattern = np.abs(array.manifold(uniform_axis(array, LOBE_POINTS)).mean(axis=0))
     peak = (pattern > np.roll(pattern, 1)) & (pattern >= np.roll(pattern, -1))
     peak[pattern.argmax()] = False
