@@ -7,9 +7,10 @@ import pytest
 from small_evaluation import FULL, RADAR, THIN, make_run, run_all
 
 from shared.physics.errors import InputError
-from trainer.evaluation.experiments.bench import Bench, EvaluationConfig
+from trainer.evaluation.experiments.bench import Bench
 from trainer.evaluation.experiments.contenders import estimator_contender, gather
 from trainer.evaluation.experiments.generalisation import trained_on
+from trainer.evaluation.options import EvaluationConfig
 from trainer.run.folder import Fingerprint, SceneRecord, Start, read_run, write_run
 
 TWO_TX = RADAR.model_copy(

@@ -18,7 +18,8 @@ from troubled_experiment import Troubled
 from shared.physics.errors import InputError
 from trainer.errors import TrainingStopped
 from trainer.evaluation.evaluate import open_bench
-from trainer.evaluation.experiments.bench import Bench, EvaluationConfig
+from trainer.evaluation.experiments.bench import Bench
+from trainer.evaluation.options import EvaluationConfig
 from trainer.evaluation.store import Values
 from trainer.evaluation.workers import Workers
 
@@ -111,7 +112,7 @@ from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from troubled_experiment import Troubled
 from trainer.evaluation.evaluate import open_bench
-from trainer.evaluation.experiments.bench import EvaluationConfig
+from trainer.evaluation.options import EvaluationConfig
 from trainer.evaluation.workers import Workers
 
 bench = open_bench(Path(sys.argv[2]), EvaluationConfig(methods=("das",), arrays=("full",)))[0]

@@ -20,7 +20,7 @@ from trainer import evaluate
 from trainer.estimators.das import DelayAndSum
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music
-from trainer.evaluation.experiments.bench import Bench, EvaluationConfig
+from trainer.evaluation.experiments.bench import Bench
 from trainer.evaluation.experiments.measured import Measured
 from trainer.evaluation.experiments.measured_input import (
     MeasuredInput,
@@ -28,6 +28,7 @@ from trainer.evaluation.experiments.measured_input import (
     read_measured,
     read_snapshot,
 )
+from trainer.evaluation.options import EvaluationConfig
 from trainer.evaluation.report.tables import Numbers
 from trainer.metrics.peaks import strongest_peaks
 

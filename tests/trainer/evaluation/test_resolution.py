@@ -13,10 +13,11 @@ from paper_arrays import FAR, deterministic_bound
 from shared.radar import load_radar
 from trainer.data.arrays import ArrayChoice, choose_array
 from trainer.data.simulation import Condition, Trials, simulate
-from trainer.evaluation.experiments.bench import Bench, EvaluationConfig, Results
+from trainer.evaluation.experiments.bench import Bench, Results
 from trainer.evaluation.experiments.contenders import Contender, estimator_contender
 from trainer.evaluation.experiments.resolution import PAIRS, SINGLES, Resolution, locate_targets
 from trainer.evaluation.experiments.robustness import Impairment, channel_factors, displaced
+from trainer.evaluation.options import EvaluationConfig
 from trainer.evaluation.report.tables import Numbers, condition_text
 from trainer.metrics.bootstrap import wilson
 from trainer.metrics.peaks import resolved, single_source_bound

@@ -7,52 +7,23 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from pydantic import Field
 
 from shared.dataset.documents import digest
 from shared.dataset.locations import Location
-from shared.processes.defaults import LARGEST_SEED
 from shared.radar import Radar
-from shared.radar.validation import Described
 from trainer.data.arrays import ArrayChoice
-from trainer.defaults import DEFAULT_ARRAYS
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.options import EvaluateOptions
+from trainer.evaluation.options import EvaluationConfig
 from trainer.evaluation.report.tables import TRUTH, Condition, Numbers, SummaryColumn, condition_text
 from trainer.evaluation.store import Values
 from trainer.run.folder import SceneRecord
 
 KEPT = 2
 """Frames or simulated scenes that an experiment holds while its contenders take turns."""
-
-
-class EvaluationConfig(Described):
-    """Who is compared by what, and how much is computed.
-
-    :param runs: run folders of trainer fit, each evaluated on its own array
-    :param methods: names of estimators, "cnn" and "unet" for the runs; None for those of
-        :func:`trainer.evaluation.experiments.contenders.gather`, of a measured row alone for all
-    :param arrays: see :func:`trainer.data.arrays.choose_array`
-    :param experiments: some of :data:`trainer.evaluation.evaluate.NAMES`; None for all that apply
-    :param frames: most frames of the test split that are scored, 50 as in the paper
-    :param shown: frames that the report shows
-    :param trials: simulated trials of each condition
-    :param seed: of trials, noise and bootstrap
-    """
-
-    runs: tuple[Path, ...] = ()
-    methods: tuple[str, ...] | None = None
-    arrays: tuple[str, ...] = DEFAULT_ARRAYS
-    experiments: tuple[str, ...] | None = None
-    frames: int = Field(default=EvaluateOptions.frames, ge=1, le=10**6)
-    shown: int = Field(default=EvaluateOptions.shown, ge=1, le=1000)
-    trials: int = Field(default=EvaluateOptions.trials, ge=2, le=10**5)
-    seed: int = Field(default=EvaluateOptions.seed, ge=0, le=LARGEST_SEED)
 
 
 @dataclass(frozen=True)
