@@ -18,15 +18,17 @@ from numpy.typing import NDArray
 from trainer.estimators.array import LineArray
 
 SEPARABLE = 0.05
-"""Least eigenvalue of A^H A / C whose part of the amplitudes is told: none then has more than 4.5 = 1 / sqrt(0.05)
-times the standard error of a lone line's. Two lines d apart have the eigenvalues 1 +- |g|, where 1 - |g| is about
-(k std(p) d)^2 / 2: on a filled array that is a distance of 0.17 resolution cells, and nearer ones share their sum."""
+"""Least eigenvalue of A^H A / C, of normed lines, whose part of the amplitudes is told: none then has more than 4.5 =
+1 / sqrt(0.05) times the standard error of a lone line's. Two lines d apart have the eigenvalues 1 +- |g|, where 1 - |g|
+is about (k std(p) d)^2 / 2: on a filled array that is a distance of 0.17 resolution cells, and nearer ones share their
+sum."""
 RIDGE = 1e-12
 """On the diagonal of A^H A / C: two lines at one angle share its amplitude instead of failing."""
 STEPS = 12
 LARGEST_STEP, SETTLED = 0.25, 1e-6
-"""Of a resolution cell: farther than the one the linear step is no guide, below the other it changes nothing."""
-FIRST_DAMPING, DAMPING_FACTOR, DAMPING_RANGE = 1e-3, 10.0, (1e-9, 1e9)
+"""Of a resolution cell, or a bin: farther than the one the linear step is no guide, below the other it changes
+nothing."""
+FIRST_DAMPING, DAMPING_FACTOR, LEAST_DAMPING, MOST_DAMPING = 1e-3, 10.0, 1e-9, 1e9
 """Levenberg's, relative to the diagonal: a rejected step raises it, an accepted one lowers it."""
 
 
@@ -81,7 +83,7 @@ def refine_lines(
         better = trial_cost < cost[going]
         best[going[better]], cost[going[better]] = trial[better], trial_cost[better]
         factor = np.where(better, 1.0 / DAMPING_FACTOR, DAMPING_FACTOR)
-        damping[going] = np.clip(damping[going] * factor, *DAMPING_RANGE)
+        damping[going] = np.clip(damping[going] * factor, LEAST_DAMPING, MOST_DAMPING)
         going = going[np.abs(step).max(axis=1) > settled]
         if not len(going):
             break

@@ -14,7 +14,7 @@ from trainer.estimators.array import (
     NoisePower,
     check_snapshots,
     draw_lines,
-    image_rows,
+    row_powers,
     uniform_axis,
 )
 from trainer.estimators.lines import STEPS, bounded_amplitudes, line_amplitudes, refine_lines
@@ -64,14 +64,9 @@ class MaximumLikelihood:
         self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: NoisePower
     ) -> NDArray[np.float64]:
         """[R, U] K lines a row with their magnitudes [sqrt(W)], each in its nearest bin of u [U]."""
-        _check_count(self.targets, array)
-
-        def solve(x: NDArray[np.complex128], _: NDArray[np.float64]) -> NDArray[np.float64]:
-            found = _search(x, array, self.targets)
-            amplitude, _left = bounded_amplitudes(x, found, array)
-            return draw_lines(found, np.abs(amplitude), array, u)
-
-        return image_rows(snapshots, array, len(u), noise_power, solve)
+        row_powers(noise_power, len(snapshots))
+        found, amplitude = self.locate(snapshots, array)
+        return draw_lines(found, np.abs(amplitude), array, u)
 
     def locate(
         self, snapshots: NDArray[np.complexfloating], array: LineArray
@@ -81,7 +76,9 @@ class MaximumLikelihood:
         :param snapshots: [R, C] [sqrt(W)]
         :raises InputError: K so many that they explain any snapshot
         """
-        _check_count(self.targets, array)
+        if self.targets >= max(array.channels, 2):
+            problem = f"targets = {self.targets} with {array.channels} channels"
+            raise InputError("ml", problem, "fewer than channels")
         check_snapshots(snapshots, array)
         found = np.zeros((len(snapshots), self.targets))
         amplitude = np.zeros(found.shape, dtype=np.complex128)
@@ -94,11 +91,6 @@ class MaximumLikelihood:
             found[block] = np.sort(_search(x, array, self.targets), axis=1)
             amplitude[block] = scale[block, None] * bounded_amplitudes(x, found[block], array)[0]
         return found, amplitude
-
-
-def _check_count(targets: int, array: LineArray) -> None:
-    if targets >= max(array.channels, 2):
-        raise InputError("ml", f"targets = {targets} with {array.channels} channels", "fewer than channels")
 
 
 def _search(x: NDArray[np.complex128], array: LineArray, targets: int) -> NDArray[np.float64]:
