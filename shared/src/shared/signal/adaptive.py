@@ -105,14 +105,20 @@ def scanned_angles(radar: Radar) -> Float64[np.ndarray, " angles"]:
 
 
 def line_tables(
-    positions_m: Float64[np.ndarray, " channels"], wavelength_m: float, u: Float64[np.ndarray, " angles"]
+    positions_m: Float64[np.ndarray, " channels"],
+    wavelength_m: float,
+    u: Float64[np.ndarray, " angles"],
+    digits: int = 15,
 ) -> AdaptiveTables:
-    """Tables of elements at these places of a line on angles ``u``, in double precision, as NumPy arrays."""
+    """Tables of elements at these places of a line on angles ``u``, in double precision, as NumPy arrays.
+
+    :param digits: decimals of a wavelength that distances have
+    """
     positions = positions_m / wavelength_m
     difference = (positions[:, None] - positions[None, :]).ravel()
     rounded = np.round(difference, DISTANCE_DIGITS)
     _, first, pair = np.unique(np.abs(rounded), return_index=True, return_inverse=True)
-    phase = 2.0 * np.pi * np.outer(np.abs(difference[first]), u)
+    phase = 2.0 * np.pi * np.outer(np.round(np.abs(difference[first]), digits), u)
     matched = manifold(positions_m, wavelength_m, u).conj()
     return AdaptiveTables(matched, np.stack([np.cos(phase), np.sin(phase)]), pair.reshape(-1), np.sign(rounded))
 
@@ -123,7 +129,9 @@ def adaptive_tables(radar: Radar, channels: Int[np.ndarray, " channels"]) -> Ada
     Places count from their mean: the phase of q then does not turn with the place of the array.
     """
     positions_m = radar.array.virtual[channels, 1]
-    found = line_tables(positions_m - positions_m.mean(), radar.waveform.wavelength_m, scanned_angles(radar))
+    centred, wavelength_m = positions_m - positions_m.mean(), radar.waveform.wavelength_m
+    # A network's last digits follow from these distances, and the shipped weights were trained with them.
+    found = line_tables(centred, wavelength_m, scanned_angles(radar), DISTANCE_DIGITS)
     return AdaptiveTables(
         found.matched.astype(np.complex64),
         found.phases.astype(np.float32),
@@ -164,9 +172,8 @@ def adaptive_forms(
     xp = array_namespace(snapshot)
     channels, (cosine, sine) = snapshot.shape[-1], tables.phases
     # The covariance depends on the distance alone: r(l) = sum_n P_n exp(-j k u_n l).
-    ahead = power @ cosine.T - 1j * (power @ sine.T)
-    turned = tables.pair + len(cosine) * (tables.sign < 0)
-    covariance = xp.concatenate([ahead, ahead.conj()], -1)[:, turned]
+    real, imaginary = power @ cosine.T, power @ sine.T
+    covariance = real[:, tables.pair] - 1j * (imaginary[:, tables.pair] * tables.sign)
     total = power.sum(-1)
     white = xp.maximum(loading, floor * total + least)
     identity = xp.eye(channels, dtype=cosine.dtype, device=snapshot.device)
