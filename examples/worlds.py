@@ -22,7 +22,7 @@ from trainer.evaluation.experiments.frames import FrameScores
 from trainer.evaluation.experiments.generalisation import trained_on
 from trainer.evaluation.options import EvaluationConfig
 from trainer.metrics.bootstrap import Interval
-from trainer.metrics.ranking import average_precision
+from trainer.metrics.cells import average_precision
 from trainer.run.folder import read_run
 
 OUT = Path(os.environ.get("EXAMPLES_OUT", "build/examples")) / "worlds"

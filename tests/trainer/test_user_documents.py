@@ -12,7 +12,7 @@ from shared.radar import validated
 from trainer.captures.calibration import Calibration, Reflector
 from trainer.captures.cube_file import Capture
 from trainer.data.arrays import ArrayChoice
-from trainer.data.motion import MotionFile
+from trainer.data.measurements import MotionFile
 from trainer.run.configuration import FitConfig, Imperfections
 
 

@@ -14,7 +14,7 @@ from trainer.data.arrays import choose_array
 from trainer.estimators import array as array_module
 from trainer.estimators.array import draw_lines, scan_axis, uniform_axis
 from trainer.estimators.base import LineArray, line_array
-from trainer.estimators.das import DelayAndSum
+from trainer.estimators.baselines import DelayAndSum
 
 
 @pytest.mark.parametrize("array", ARRAYS)

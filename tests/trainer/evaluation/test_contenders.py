@@ -93,7 +93,7 @@ def test_a_network_of_angles_takes_rows_alone_and_was_trained_on_no_scene(tmp_pa
     assert image.shape == (48, 20)
     assert 0.0 < image.min() < image.max() < 1.0
     rows = np.array([4, 40])
-    np.testing.assert_allclose(cnn.answer.image_rows(snapshots, 1e-3, rows), image[rows], rtol=1e-5)
+    np.testing.assert_allclose(cnn.answer.of_rows(snapshots, 1e-3, rows)[0], image[rows], rtol=1e-5)
 
 
 def test_contenders_stand_in_the_order_of_methods_and_arrays_whatever_that_of_the_runs(tmp_path):

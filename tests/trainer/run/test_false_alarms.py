@@ -26,7 +26,7 @@ from trainer.estimators.fitting import (
 from trainer.run import false_alarms
 from trainer.run.detections import Sought, find_detections
 from trainer.run.options import PointsRequest
-from trainer.run.predictor import Predictor
+from trainer.run.predict import Predictor
 
 RADAR = Radar()
 BINS = np.array([-1, 0, 1])

@@ -10,7 +10,7 @@ import numpy as np
 from trainer.estimators.group_model import least_squares
 from trainer.estimators.group_products import ONE, ZERO, evaluate
 from trainer.estimators.group_steps import PRUNING_STEPS, copy, highest_peaks, put, refine, scan, smallest_first
-from trainer.estimators.moves import KEPT_ANGLES, LEAST_APART, NEAR_CELLS
+from trainer.estimators.lines import KEPT_ANGLES, LEAST_APART, NEAR_CELLS
 from trainer.estimators.small_matrices import part_of_one
 
 ELSEWHERE = 3

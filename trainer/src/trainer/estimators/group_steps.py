@@ -21,6 +21,7 @@ from trainer.estimators.group_products import (
     table_place,
 )
 from trainer.estimators.lines import (
+    CLOSEST,
     DAMPING_FACTOR,
     FIRST_DAMPING,
     LARGEST_STEP,
@@ -29,7 +30,6 @@ from trainer.estimators.lines import (
     RIDGE,
     SETTLED,
 )
-from trainer.estimators.moves import CLOSEST
 from trainer.estimators.small_matrices import part, solve
 
 PRUNING_STEPS = np.int64(4)

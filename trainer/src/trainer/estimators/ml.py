@@ -17,8 +17,19 @@ from trainer.estimators.array import (
     row_powers,
     uniform_axis,
 )
-from trainer.estimators.lines import STEPS, bounded_amplitudes, line_amplitudes, refine_lines
-from trainer.estimators.moves import additions, beside_lines, best_refit, pair_energy, pairs_elsewhere, raced, refit
+from trainer.estimators.lines import (
+    STEPS,
+    additions,
+    beside_lines,
+    best_refit,
+    bounded_amplitudes,
+    line_amplitudes,
+    pair_energy,
+    pairs_elsewhere,
+    raced,
+    refine_lines,
+    refit,
+)
 
 SEARCH_POINTS, CANDIDATES = 6, 8
 """Angles searched in a resolution cell, and pairs refined: of 6 400 random pairs (10 and 30 dB, 0.25 to 3.3 cells, 18
@@ -31,7 +42,7 @@ PAIR_POINTS, FIRSTS, SECONDS, ADDED = 4, 32, 8, 3
 lines and more, and further ones beside the best four. The last two of three and four lines are searched as a pair."""
 PAIRS_EACH, BEGIN, PAIRS, RACE = 2, ((2, 60), (3, 8)), 8, ((2, 4), (3, 2), (STEPS, 1))
 """Pairs tried beside each such beginning, and beside the others of a result; how they are raced, see
-:func:`trainer.estimators.moves.raced`. Of 400 random triples and 400 quadruples, with neighbours 0.25 to 3 cells apart
+:func:`trainer.estimators.lines.raced`. Of 400 random triples and 400 quadruples, with neighbours 0.25 to 3 cells apart
 at 10 to 30 dB, 18 and 12 channels, at most one in a hundred ends worse than a refinement from the truth."""
 SEARCHES_AT_ONCE = 512
 """Pair searches of a block of rows: 48 x 48 pairs each in single precision, 10 MB an array."""
@@ -73,7 +84,6 @@ class MaximumLikelihood:
     ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
         """(u [R, K] rising, complex amplitudes [R, K] [sqrt(W)]); zeros where the snapshot is zero.
 
-        :param snapshots: [R, C] [sqrt(W)]
         :raises InputError: K so many that they explain any snapshot
         """
         if self.targets >= max(array.channels, 2):
@@ -161,7 +171,7 @@ def _improve(
 def _best_pair(x: NDArray[np.complex128], array: LineArray, axis: NDArray[np.float64]) -> NDArray[np.float64]:
     """[B, 2] the pair that explains most of x: all pairs of grid angles are tried, the best few refined.
 
-    The overlap of :func:`trainer.estimators.moves.pair_energy` depends on the distance of the two angles alone, so that
+    The overlap of :func:`trainer.estimators.lines.pair_energy` depends on the distance of the two angles alone, so that
     all pairs of one distance are done at once. The best of one distance is one candidate; its neighbours, half a grid
     step away, are refined to the same optimum.
     """

@@ -19,7 +19,6 @@ from types import TracebackType
 import torch
 from threadpoolctl import threadpool_limits
 
-from shared.physics.errors import InputError
 from shared.processes.machine import may_start_processes, usable_cores
 from shared.processes.pool import WorkerPool
 from trainer.errors import TrainingStopped
@@ -36,10 +35,7 @@ Item = tuple[Experiment, int]
 
 
 class CellWork:
-    """What every worker is given once.
-
-    :param bench: what the cells are of
-    """
+    """What every worker is given once."""
 
     def __init__(self, bench: Bench) -> None:
         self._bench = bench
@@ -64,12 +60,9 @@ class Workers:
     :param bench: what the cells are of; handed over as the first cell is asked for
     :param count: processes; 1 computes here, 0 takes one for each core, or 1 where this process may start no others
     :param folder: for the files that are handed over; it is made, and removed at the end
-    :raises InputError: a negative count
     """
 
     def __init__(self, bench: Bench, count: int, folder: Path) -> None:
-        if count < 0:
-            raise InputError("--workers", repr(count), "0 (one a core) or more")
         self.count = count or (usable_cores() if may_start_processes() else 1)
         self.bench = bench
         self._folder = folder

@@ -28,11 +28,7 @@ KEPT = 2
 
 @dataclass(frozen=True)
 class FrameRef:
-    """Where a frame stands, and what it is of.
-
-    :param path: of its shard
-    :param row: in the shard
-    """
+    """Where a frame stands, its shard and the row there, and what it is of."""
 
     path: Location
     row: int
@@ -81,7 +77,6 @@ class Task:
 
     :param key: contender's method, "truth" for what belongs to none, its array's name, and what was varied, as text
     :param inputs: fingerprint of what the cell depends on besides its names
-    :param compute: the work
     :param device: that the work needs, "cpu" or "cuda"
     """
 

@@ -92,7 +92,8 @@ class Cylinders(SceneByScene):
     def score(self, bench: Bench, contender: Contender, place: int, scene: NDArray[np.complex64]) -> Values:
         """image [rows, U] of the range bins around the cylinders; the figures of :meth:`judged`."""
         rows, middle = close_up(bench.radar, RANGE_M)
-        image = contender.answer.image_rows(scene, cell_noise_power(bench.radar), rows).astype(np.float32)
+        seen, _ = contender.answer.of_rows(scene, cell_noise_power(bench.radar), rows)
+        image = seen.astype(np.float32)
         true = self.places(bench.radar, place)
         return {"image": image, **self.judged(bench.radar, true, image[middle].astype(np.float64))}
 
