@@ -221,7 +221,6 @@ def choose_experiments(
 
 
 def _introduction(bench: Bench, ran: str) -> str:
-    """:param ran: names of the experiments"""
     config = bench.config
     if not bench.frames:
         return f"No dataset; experiments: {ran}."

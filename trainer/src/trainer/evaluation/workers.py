@@ -14,7 +14,6 @@ from contextlib import ExitStack
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 
 import torch
 from threadpoolctl import threadpool_limits
@@ -54,7 +53,7 @@ class CellWork:
         return dict(self._listed[1][place].compute())
 
 
-class Workers:
+class Workers(ExitStack):
     """Computes cells; a context, which ends its processes when it is left, whatever for.
 
     :param bench: what the cells are of; handed over as the first cell is asked for
@@ -63,19 +62,11 @@ class Workers:
     """
 
     def __init__(self, bench: Bench, count: int, folder: Path) -> None:
+        super().__init__()
         self.count = count or (usable_cores() if may_start_processes() else 1)
         self.bench = bench
         self._folder = folder
         self._pool: WorkerPool[Item, Values] | None = None
-        self._context = ExitStack()
-
-    def __enter__(self) -> Workers:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._context.close()
 
     def results(
         self, experiment: Experiment, tasks: Sequence[Task], places: Sequence[int]
@@ -113,7 +104,7 @@ class Workers:
     def _started(self) -> WorkerPool[Item, Values]:
         if self._pool is None:
             work = CellWork(_without_gpu(self.bench))
-            self._pool = self._context.enter_context(WorkerPool[Item, Values](work, self.count, self._folder))
+            self._pool = self.enter_context(WorkerPool[Item, Values](work, self.count, self._folder))
         return self._pool
 
 

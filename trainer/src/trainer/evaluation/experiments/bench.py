@@ -3,7 +3,6 @@ table."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
@@ -93,12 +92,15 @@ Results = Mapping[tuple[str, str, str], Values]
 class Experiment:
     """One question, its cells, its numbers and its figure.
 
+    Every contender images the same scenes, simulated ones or frames: a cell is what one of them makes of one.
+
     :cvar name: as ``--experiments`` takes it
     :cvar cells: name under which its cells are kept, its own where empty; experiments that evaluate the same cells
         share it
     :cvar title: one line for report and help
     :cvar caption: below its figures
     :cvar summary: the columns that it has in the summary
+    :cvar metrics: what is counted, one figure for each trial of a scene, by its name in cells and table
     """
 
     name: str
@@ -106,50 +108,22 @@ class Experiment:
     title: str
     caption: str
     summary: tuple[SummaryColumn, ...] = ()
+    metrics: tuple[str, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
         """Why the experiment does not apply to what is given; None where it does."""
         return None
 
-    def tasks(self, bench: Bench) -> Sequence[Task]:
-        """The cells that the experiment needs, in an order that the bench alone decides; those that share a frame or a
-        simulated scene follow each other."""
-        return ()
-
-    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
-        """Put the numbers into ``found``."""
-
-    def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
-        """The figures by the name of their files.
-
-        :param found: after :meth:`count`
-        """
-        return {}
-
-    def texts(self) -> dict[str, str]:
-        """What is written beside the figures, by the name of its file."""
-        return {}
-
-
-class SceneByScene(Experiment, ABC):
-    """Every contender on the same scenes, simulated ones or frames: a cell is what one of them makes of one scene.
-
-    :cvar metrics: what is counted, one figure for each trial of a scene, by its name in cells and table
-    """
-
-    metrics: tuple[str, ...] = ()
-
-    @abstractmethod
     def conditions(self, bench: Bench) -> Sequence[Condition]:
         """The scenes, by what tells them apart."""
+        return ()
 
-    @abstractmethod
     def scene(self, bench: Bench, place: int) -> Any:
         """The scene of a condition; it is kept while the contenders take turns."""
 
-    @abstractmethod
     def score(self, bench: Bench, contender: Contender, place: int, scene: Any) -> Values:
         """The cell of a contender, :attr:`metrics` among it."""
+        return {}
 
     def entrants(self, bench: Bench) -> tuple[Contender, ...]:
         """Who takes part."""
@@ -164,6 +138,8 @@ class SceneByScene(Experiment, ABC):
         return [bench.config.seed]
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
+        """The cells that the experiment needs, in an order that the bench alone decides; those that share a frame or a
+        simulated scene follow each other."""
         kept = lru_cache(maxsize=KEPT)(partial(self.scene, bench))
 
         def cell(score: Callable[[Any], Values], place: int) -> Values:
@@ -186,7 +162,7 @@ class SceneByScene(Experiment, ABC):
         return None
 
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
-        """Mean or share of each metric."""
+        """Put the numbers into ``found``: mean or share of each metric."""
         scenes = self.conditions(bench)
         for contender in self.entrants(bench):
             of_all = self.pooled(contender)
@@ -195,3 +171,14 @@ class SceneByScene(Experiment, ABC):
                 cells = [results[*contender.key, condition_text(scene)] for scene in members]
                 for metric in self.metrics:
                     found.mean(contender.key, metric, condition, np.hstack([cell[metric] for cell in cells]))
+
+    def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
+        """The figures by the name of their files.
+
+        :param found: after :meth:`count`
+        """
+        return {}
+
+    def texts(self) -> dict[str, str]:
+        """What is written beside the figures, by the name of its file."""
+        return {}

@@ -18,7 +18,7 @@ from shared.dataset.reading import read_frame
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
 from trainer.data.measurements import known_world
-from trainer.evaluation.experiments.bench import KEPT, Bench, FrameRef, Results, SceneByScene
+from trainer.evaluation.experiments.bench import KEPT, Bench, Experiment, FrameRef, Results
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.page import scene_levels
 from trainer.evaluation.report.tables import Condition
@@ -69,7 +69,7 @@ def one_of_each_scene(refs: Sequence[FrameRef], count: int) -> tuple[FrameRef, .
     return tuple(ref for _, ref in sorted(turns, key=lambda entry: entry[0])[:count])
 
 
-class FrameByFrame(SceneByScene):
+class FrameByFrame(Experiment):
     """An experiment whose scenes are frames of the test split."""
 
     def frames(self, bench: Bench) -> Sequence[FrameRef]:

@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from shared.physics.errors import figure_text
 from trainer.data.simulation import TrialCondition, Trials, no_room, simulate
 from trainer.estimators.ml import MaximumLikelihood
-from trainer.evaluation.experiments.bench import Bench, Results, SceneByScene
+from trainer.evaluation.experiments.bench import Bench, Experiment, Results
 from trainer.evaluation.experiments.contenders import Contender, estimator_contender
 from trainer.evaluation.report.figures import Look, legend_below, panels
 from trainer.evaluation.report.tables import PROBABILITY_OF_RESOLUTION, Numbers, SummaryColumn, condition_text
@@ -40,7 +40,7 @@ LINES = ", lines"
 ERROR_OVER_BOUND = "RMSE over bound"
 
 
-class Resolution(SceneByScene):
+class Resolution(Experiment):
     """How close may two targets be, and how well is one placed?"""
 
     name = "resolution"

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shared.radar.arrays import AntennaArray
 from trainer.data.arrays import ArrayChoice
 from trainer.data.simulation import TrialCondition, Trials, no_room, resolution_cell, simulate, trial_rows
-from trainer.evaluation.experiments.bench import Bench, Results, SceneByScene
+from trainer.evaluation.experiments.bench import Bench, Experiment, Results
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.figures import Look, legend_below, panels
 from trainer.evaluation.report.tables import PROBABILITY_OF_RESOLUTION, Numbers
@@ -91,7 +91,7 @@ def channel_factors(
     return factors
 
 
-class Robustness(SceneByScene):
+class Robustness(Experiment):
     """Who depends on a calibrated sensor?"""
 
     name = "robustness"
