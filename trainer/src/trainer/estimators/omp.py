@@ -47,9 +47,8 @@ class OrthogonalMatchingPursuit:
       explains nothing more within the bound is the last, see :func:`trainer.estimators.lines.bounded_amplitudes`.
 
     Two echoes of one level defeat "cfar": the second is the noise in which the first is to stand out, and where their
-    sidelobes add the first line is neither. Of 200 pairs of equal level 7 degrees apart 30 rows are wrong with 18
-    channels, some of them empty, with 12 channels 160. The noise of measured rows is known, with all that the model
-    leaves out, and told for each row. There a line stays where it takes more than
+    sidelobes add the first line is neither (docs/notes/measured.md counts them). The noise of measured rows is known,
+    with all that the model leaves out, and told for each row. There a line stays where it takes more than
     :func:`trainer.estimators.fitting.line_threshold` of that noise, and the two newest lines are searched anew as a
     pair beside the others.
     """
