@@ -17,12 +17,12 @@ from typing import NamedTuple
 from matplotlib.figure import Figure
 
 from trainer.evaluation.evaluate import open_bench
-from trainer.evaluation.experiments.bench import EvaluationConfig
 from trainer.evaluation.experiments.detection import Detection
 from trainer.evaluation.experiments.frames import FrameScores
 from trainer.evaluation.experiments.generalisation import trained_on
+from trainer.evaluation.options import EvaluationConfig
 from trainer.metrics.bootstrap import Interval
-from trainer.metrics.ranking import average_precision
+from trainer.metrics.cells import average_precision
 from trainer.run.folder import read_run
 
 OUT = Path(os.environ.get("EXAMPLES_OUT", "build/examples")) / "worlds"
@@ -54,7 +54,7 @@ def compare(unseen: Path, runs: Sequence[Path]) -> list[Point]:
     Both of a gain are drawn on the same frames, so that its interval is narrower than those of the two numbers.
     """
     runs = sorted(runs, key=seen_by)
-    bench, _ = open_bench(str(unseen), EvaluationConfig(runs=tuple(runs), methods=("unet",), arrays=(ARRAY,)))
+    bench, _ = open_bench(str(unseen), EvaluationConfig(run=tuple(runs), methods=("unet",), arrays=(ARRAY,)))
     refs = Detection().refs(bench)
     for contender in bench.contenders:
         for scene in {ref.scene for ref in refs}:

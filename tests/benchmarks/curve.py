@@ -20,7 +20,7 @@ from ego_motion import judged_frames, row, scored
 
 from trainer.data.arrays import choose_array
 from trainer.metrics.bootstrap import Interval, bootstrap_mean
-from trainer.metrics.ranking import average_precision
+from trainer.metrics.cells import average_precision
 from trainer.run.answers import Answer, array_answer, network_answer
 from trainer.run.folder import Start, load_imager, read_run
 

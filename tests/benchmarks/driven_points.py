@@ -35,7 +35,7 @@ from trainer.data.measurements import ALL, PEAKS, open_measurements
 from trainer.run.answers import NetworkAnswer
 from trainer.run.detections import BY_HEAD, BY_LEVEL, FALSE_ALARMS, HIGHEST_DB, Detections
 from trainer.run.options import PointsRequest
-from trainer.run.predictor import Predictor
+from trainer.run.predict import Predictor
 
 TOLD_DB, THERE_DB = 13.0, 0.0
 """Over the noise of the array's channels added: cells that count, and cells whose power makes a line true."""

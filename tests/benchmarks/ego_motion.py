@@ -23,11 +23,10 @@ from shared.dataset.reading import radar_of
 from shared.radar import Radar
 from shared.signal.ego_motion import EgoMotion
 from trainer.data.arrays import choose_array
-from trainer.data.measurements import Cells, Measurement
-from trainer.data.motion import known_world
+from trainer.data.measurements import Cells, Measurement, known_world
 from trainer.metrics.bootstrap import Interval, bootstrap_mean
+from trainer.metrics.cells import CellScores, Ranking, average_precision, pooled
 from trainer.metrics.image import nmse
-from trainer.metrics.ranking import CellScores, Ranking, average_precision, pooled
 from trainer.run.answers import Answer, array_answer, network_answer
 from trainer.run.folder import load_imager
 from trainer.run.pretrained import pretrained_run

@@ -14,7 +14,7 @@ from trainer.data.arrays import choose_array
 from trainer.data.simulation import amplitude_of
 from trainer.run.answers import array_answer
 from trainer.run.options import PointsRequest
-from trainer.run.predictor import Motions, Predictor
+from trainer.run.predict import Motions, Predictor
 
 NETWORK, ECHOES = "sparse6", 1000
 SNR_DB, AT_M = 10.0, 85.0

@@ -15,7 +15,7 @@ from pathlib import Path
 from ego_motion import difference, judged_frames, row, scored
 
 from trainer.metrics.bootstrap import bootstrap_mean
-from trainer.metrics.ranking import average_precision
+from trainer.metrics.cells import average_precision
 from trainer.run.answers import NetworkAnswer, network_answer
 from trainer.run.folder import load_imager, read_run
 from trainer.run.pretrained import pretrained_run

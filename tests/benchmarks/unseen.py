@@ -19,7 +19,7 @@ from ego_motion import difference, judged_frames, row, scores
 
 from trainer.data.arrays import choose_array
 from trainer.metrics.bootstrap import bootstrap_mean
-from trainer.metrics.ranking import average_precision, pooled
+from trainer.metrics.cells import average_precision, pooled
 from trainer.run.answers import Answer, array_answer, network_answer
 from trainer.run.folder import load_imager
 from trainer.run.pretrained import pretrained_run

@@ -36,8 +36,8 @@ from shared.physics.errors import InputError
 from shared.radar import load_radar
 from trainer.data.measurements import open_measurements
 from trainer.evaluation.evaluate import open_bench
-from trainer.evaluation.experiments.bench import EvaluationConfig
 from trainer.evaluation.experiments.frames import COLUMNS
+from trainer.evaluation.options import EvaluationConfig
 from trainer.run.configuration import FitConfig
 from trainer.training.datamodule import ImagingData
 

@@ -13,8 +13,7 @@ from trainer.estimators.array import LineArray, uniform_axis
 from trainer.estimators.fitting import MOST_LINES, RESIDUAL_TAIL, SEARCH_POINTS
 from trainer.estimators.group_replacements import CROWDED, ELSEWHERE, MOST_SEARCHED
 from trainer.estimators.group_steps import PRUNING_STEPS
-from trainer.estimators.lines import bounded_energy_left
-from trainer.estimators.moves import additions, pairs_elsewhere, refit
+from trainer.estimators.lines import additions, bounded_energy_left, pairs_elsewhere, refit
 
 Lines = NDArray[np.float64]
 """[K] angles."""

@@ -12,8 +12,7 @@ from shared.radar import validated
 from trainer.captures.calibration import Calibration, Reflector
 from trainer.captures.cube_file import Capture
 from trainer.data.arrays import ArrayChoice
-from trainer.data.motion import MotionFile
-from trainer.evaluation.experiments.bench import EvaluationConfig
+from trainer.data.measurements import MotionFile
 from trainer.run.configuration import FitConfig, Imperfections
 
 
@@ -26,7 +25,6 @@ from trainer.run.configuration import FitConfig, Imperfections
         (FitConfig, {"augment": 1}, "augment = 1; expected true or false"),
         (FitConfig, {"imperfections": {"perfect": "0.5"}}, "imperfections.perfect = '0.5'; expected a number"),
         (Imperfections, {"bits": True}, "bits = True; expected a whole number"),
-        (EvaluationConfig, {"trials": "5"}, "trials = '5'; expected a whole number"),
         (ArrayChoice, {"name": "mine", "rx": [True]}, "rx.0 = True; expected a whole number"),
         (MotionFile, {"velocity": [1, 0], "mounting_yaw_deg": "5"}, "mounting_yaw_deg = '5'; expected a number"),
         (Reflector, {"range_m": "3"}, "range_m = '3'; expected a number"),

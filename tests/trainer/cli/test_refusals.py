@@ -172,7 +172,7 @@ EVALUATE = [
     ("{data} --arrays none.toml", "--arrays: no named array and no file 'none.toml'; expected a TOML file or one of "),
     ("{data} --arrays full,full", "--arrays: 'full' twice"),
     ("{data} --arrays ,", "--arrays: none; expected some of"),
-    ("{data} --arrays full --frames 0", "trainer evaluate: frames = 0; expected at least 1"),
+    ("{data} --arrays full --frames 0", "Invalid value for '--frames'"),
     ("{data} --arrays full --run nothing", "nothing: no run.json; expected a run folder"),
     ("{data} --arrays full --run {run}", "--run: {run} was trained for array 'mine'"),
     ("{data} --arrays {here}/mine.toml --run {longer}", "{data}: radar 'tiny', waveform.samples = 32; expected 64"),

@@ -18,8 +18,7 @@ from torch.utils.data import DataLoader
 from shared.dataset import Box
 from shared.dataset.locations import RemotePath
 from shared.physics.errors import InputError
-from trainer.data.dataset import RadarDataset
-from trainer.data.shards import ShardDataset
+from trainer.data.dataset import RadarDataset, ShardDataset
 from trainer.run.folder import SceneRecord, scene_records
 
 
@@ -69,7 +68,7 @@ def test_a_dataset_that_was_used_can_be_pickled(directory):
 
 
 def test_few_shards_stay_open(directory, monkeypatch):
-    monkeypatch.setattr("trainer.data.shards.OPEN_SHARDS", 1)
+    monkeypatch.setattr("trainer.data.dataset.OPEN_SHARDS", 1)
     data = ShardDataset(directory, "train", cache_bytes=0)
     for index in (0, 4, 1, 3):
         assert data[index]["frame_id"].item() == index

@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from paper_arrays import ARRAYS, IRREGULAR, RADAR, U
 
+from shared.signal.adaptive import adaptive_forms, line_tables
 from shared.signal.imaging import delay_and_sum
 from trainer.data.arrays import choose_array
 from trainer.estimators import array as array_module
-from trainer.estimators.adaptive import Scan
 from trainer.estimators.array import draw_lines, scan_axis, uniform_axis
 from trainer.estimators.base import LineArray, line_array
-from trainer.estimators.das import DelayAndSum
+from trainer.estimators.baselines import DelayAndSum
 
 
 @pytest.mark.parametrize("array", ARRAYS)
@@ -77,15 +77,14 @@ def test_scan_folds_angles_beyond_the_period() -> None:
 def test_distances_stand_for_the_dense_covariance(array: LineArray) -> None:
     generator = np.random.default_rng(3)
     u = uniform_axis(array, 3)
-    power = generator.random((2, len(u)))
+    power, noise = generator.random((2, len(u))), np.array([0.1, 0.2])
+    x = generator.standard_normal((2, array.channels)) + 1j * generator.standard_normal((2, array.channels))
     manifold = array.manifold(u)
-    scan = Scan(array, u)
     dense = np.einsum("bn,cn,dn->bcd", power, manifold, manifold.conj())
-    np.testing.assert_allclose(scan.covariance(power), dense, atol=1e-9 * len(u))
-    matrix = generator.standard_normal(dense.shape) + 1j * generator.standard_normal(dense.shape)
-    matrix += np.swapaxes(matrix, 1, 2).conj()
-    expected = np.einsum("cn,bcd,dn->bn", manifold.conj(), matrix, manifold).real
-    np.testing.assert_allclose(scan.quadratic_form(matrix), expected, atol=1e-9)
+    inverse = np.linalg.inv(dense + noise[:, None, None] * np.eye(array.channels))
+    filtered, form = adaptive_forms(power, x, noise, line_tables(array.positions_m, array.wavelength_m, u), 0.0, 0.0)
+    np.testing.assert_allclose(filtered, np.einsum("cn,bcd,bd->bn", manifold.conj(), inverse, x), atol=1e-9)
+    np.testing.assert_allclose(form, np.einsum("cn,bcd,dn->bn", manifold.conj(), inverse, manifold).real, atol=1e-9)
 
 
 def test_lines_are_drawn_in_their_nearest_bin() -> None:

@@ -19,9 +19,8 @@ from trainer.estimators.array import LineArray, uniform_axis
 from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.fitting import FittedLines, fit_lines, line_threshold, score_peaks
 from trainer.estimators.groups import DISPLACED, WIDENED
-from trainer.estimators.lines import bounded_energy_left, line_energy_left
+from trainer.estimators.lines import NEAR_CELLS, bounded_energy_left, line_energy_left, pairs_elsewhere, refit
 from trainer.estimators.ml import MaximumLikelihood
-from trainer.estimators.moves import NEAR_CELLS, pairs_elsewhere, refit
 from trainer.metrics.peaks import resolved, single_source_bound
 
 RL = ARRAYS["full"].resolution_cell

@@ -10,7 +10,7 @@ from paper_arrays import ARRAYS, U, echoes, noise, some_rows
 from trainer.estimators.adaptive import FLOOR, IterativeAdaptive, SparseCovariance
 from trainer.estimators.array import scan_axis
 from trainer.estimators.base import ESTIMATORS, LineArray
-from trainer.estimators.das import DelayAndSum
+from trainer.estimators.baselines import DelayAndSum
 
 
 def test_windows_trade_sidelobes_for_width() -> None:

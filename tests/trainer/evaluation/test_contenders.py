@@ -7,9 +7,10 @@ import pytest
 from small_evaluation import FULL, RADAR, THIN, make_run, run_all
 
 from shared.physics.errors import InputError
-from trainer.evaluation.experiments.bench import Bench, EvaluationConfig
+from trainer.evaluation.experiments.bench import Bench
 from trainer.evaluation.experiments.contenders import estimator_contender, gather
 from trainer.evaluation.experiments.generalisation import trained_on
+from trainer.evaluation.options import EvaluationConfig
 from trainer.run.folder import Fingerprint, SceneRecord, Start, read_run, write_run
 
 TWO_TX = RADAR.model_copy(
@@ -92,7 +93,7 @@ def test_a_network_of_angles_takes_rows_alone_and_was_trained_on_no_scene(tmp_pa
     assert image.shape == (48, 20)
     assert 0.0 < image.min() < image.max() < 1.0
     rows = np.array([4, 40])
-    np.testing.assert_allclose(cnn.answer.image_rows(snapshots, 1e-3, rows), image[rows], rtol=1e-5)
+    np.testing.assert_allclose(cnn.answer.of_rows(snapshots, 1e-3, rows)[0], image[rows], rtol=1e-5)
 
 
 def test_contenders_stand_in_the_order_of_methods_and_arrays_whatever_that_of_the_runs(tmp_path):

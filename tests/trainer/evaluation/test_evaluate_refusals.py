@@ -13,7 +13,7 @@ from tiny_radar import frame, write_dataset
 
 from shared.physics.errors import InputError
 from trainer.evaluation.evaluate import EXPERIMENTS, NAMES, choose_experiments, open_bench
-from trainer.evaluation.experiments.bench import EvaluationConfig
+from trainer.evaluation.options import EvaluationConfig
 
 
 def test_a_radar_that_does_not_see_so_far_leaves_experiments_out_and_says_so(tmp_path):

@@ -17,10 +17,9 @@ from tiny_run import make_run
 from shared.physics.errors import InputError
 from shared.radar.arrays import AntennaArray, line
 from trainer import evaluate
-from trainer.estimators.das import DelayAndSum
+from trainer.estimators.baselines import DelayAndSum, Music
 from trainer.estimators.ml import MaximumLikelihood
-from trainer.estimators.music import Music
-from trainer.evaluation.experiments.bench import Bench, EvaluationConfig
+from trainer.evaluation.experiments.bench import Bench
 from trainer.evaluation.experiments.measured import Measured
 from trainer.evaluation.experiments.measured_input import (
     MeasuredInput,
@@ -28,6 +27,7 @@ from trainer.evaluation.experiments.measured_input import (
     read_measured,
     read_snapshot,
 )
+from trainer.evaluation.options import EvaluationConfig
 from trainer.evaluation.report.tables import Numbers
 from trainer.metrics.peaks import strongest_peaks
 

@@ -16,7 +16,7 @@ import pytest
 from matplotlib.image import imread
 from tiny_radar import RADAR
 
-from trainer.data.simulation import Condition
+from trainer.data.simulation import TrialCondition
 from trainer.evaluation.evaluate import SUMMARY_COLUMNS
 from trainer.evaluation.report.figures import Look, image_panels, image_sheet, legend_below, panels, save_figure
 from trainer.evaluation.report.page import ReportFigure, ReportFrame, report_page
@@ -168,7 +168,7 @@ def test_figures_are_the_same_bytes_twice(tmp_path):
     assert b"matplotlib.org" not in draw(tmp_path / "three")[0]
 
 
-CLOSE, CLOSER = Condition(1.0, 20.0).named, Condition(0.5, 20.0).named
+CLOSE, CLOSER = TrialCondition(1.0, 20.0).named, TrialCondition(0.5, 20.0).named
 NEAR: dict[str, object] = {"d_max": "2 bins"}
 
 

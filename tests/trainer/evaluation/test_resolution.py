@@ -12,11 +12,12 @@ from paper_arrays import FAR, deterministic_bound
 
 from shared.radar import load_radar
 from trainer.data.arrays import ArrayChoice, choose_array
-from trainer.data.simulation import Condition, Trials, simulate
-from trainer.evaluation.experiments.bench import Bench, EvaluationConfig, Results
+from trainer.data.simulation import TrialCondition, Trials, simulate
+from trainer.evaluation.experiments.bench import Bench, Results
 from trainer.evaluation.experiments.contenders import Contender, estimator_contender
 from trainer.evaluation.experiments.resolution import PAIRS, SINGLES, Resolution, locate_targets
 from trainer.evaluation.experiments.robustness import Impairment, channel_factors, displaced
+from trainer.evaluation.options import EvaluationConfig
 from trainer.evaluation.report.tables import Numbers, condition_text
 from trainer.metrics.bootstrap import wilson
 from trainer.metrics.peaks import resolved, single_source_bound
@@ -27,12 +28,12 @@ likelihood more than the noise does at 30 dB: of pairs a quarter of a cell apart
 
 
 @cache
-def trials_of(condition: Condition, trials: int, seed: int) -> Trials:
+def trials_of(condition: TrialCondition, trials: int, seed: int) -> Trials:
     return simulate(FAR, condition, trials, [seed])
 
 
 def located(
-    method: str, array: str, condition: Condition, trials: int, seed: int
+    method: str, array: str, condition: TrialCondition, trials: int, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """([T, K] angles that a method finds on an array, [T, K] the true ones, [T] phases), of plane waves."""
     drawn = trials_of(condition, trials, seed)
@@ -47,7 +48,7 @@ def contender(method: str, array: str) -> Contender:
 
 def error_over_bound(array: str, snr_db: float, trials: int) -> tuple[float, float]:
     """(root-mean-square error of maximum likelihood of one target over the root of the bound, bias over its error)."""
-    found, true, _ = located("ml", array, Condition(0.0, snr_db), trials, 3)
+    found, true, _ = located("ml", array, TrialCondition(0.0, snr_db), trials, 3)
     errors = (found - true)[:, 0]
     rmse = math.sqrt(float(np.mean(errors**2)))
     bias = float(errors.mean()) / (rmse / math.sqrt(len(errors)))
@@ -67,7 +68,7 @@ def test_below_the_threshold_sidelobes_take_over() -> None:
 
 
 def test_maximum_likelihood_of_pairs_is_efficient() -> None:
-    found, true, phase = located("ml", "sparse6", Condition(1.0, 20.0), 440, 5)
+    found, true, phase = located("ml", "sparse6", TrialCondition(1.0, 20.0), 440, 5)
     whole = contender("ml", "full").answer.line
     middle = 0.5 * (whole.positions_m.min() + whole.positions_m.max())
     at_origin = phase + 2.0 * np.pi / whole.wavelength_m * middle * np.diff(true, axis=1)[:, 0]
@@ -81,7 +82,7 @@ def test_maximum_likelihood_of_pairs_is_efficient() -> None:
 
 
 def test_one_target_is_located_where_it_stands() -> None:
-    found, true, _ = located("ml", "full", Condition(0.0, 60.0), 10, 0)
+    found, true, _ = located("ml", "full", TrialCondition(0.0, 60.0), 10, 0)
     np.testing.assert_allclose(found, true, atol=1e-4)
 
 
@@ -102,7 +103,7 @@ GUIDE = {
 @pytest.mark.parametrize(("array", "separation", "method"), GUIDE)
 def test_probability_of_resolution_is_that_of_the_guide(array: str, separation: float, method: str) -> None:
     for snr_db, expected in zip((10.0, 20.0, 30.0), GUIDE[array, separation, method], strict=True):
-        found, true, _ = located(method, array, Condition(separation, snr_db), 110, 0)
+        found, true, _ = located(method, array, TrialCondition(separation, snr_db), 110, 0)
         assert len(found) >= 100
         probability = wilson(int(resolved(found, true).sum()), len(found))
         # 0.08, or the Wilson intervals of these trials and the guide's standard error.
@@ -141,7 +142,7 @@ def test_a_resolution_table_has_every_cell_once() -> None:
 
 def test_a_known_error_reads_as_what_it_is() -> None:
     experiment, bench = Resolution(), small_bench()
-    single, true = Condition(0.0, 20.0), np.linspace(-0.4, 0.4, 50)[:, None]
+    single, true = TrialCondition(0.0, 20.0), np.linspace(-0.4, 0.4, 50)[:, None]
     angles = {task.key: task_angles(task.key[-1]) for task in experiment.tasks(bench)}
     results = {key: {"found": of, "u": of, "phase_rad": np.zeros(50)} for key, of in angles.items()}
     found = true + 0.01

@@ -8,8 +8,7 @@ from scipy.stats import bootstrap
 
 from trainer.metrics import bootstrap as intervals
 from trainer.metrics.bootstrap import bootstrap_mean, bootstrap_ratio, wilson
-from trainer.metrics.cells import CellScores
-from trainer.metrics.ranking import average_precision, pooled
+from trainer.metrics.cells import CellScores, average_precision, pooled
 
 
 def test_intervals_cover_the_truth_as_often_as_they_say() -> None:

@@ -11,8 +11,16 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
-from trainer.metrics.cells import CellScores, local_maxima, match_cells, score_cells, truth_cells
-from trainer.metrics.ranking import LEVELS, Ranking, pooled
+from trainer.metrics.cells import (
+    LEVELS,
+    CellScores,
+    Ranking,
+    local_maxima,
+    match_cells,
+    pooled,
+    score_cells,
+    truth_cells,
+)
 
 STEP = 0.15
 """Of the rows [m]: row 33, at 4.95 m, is the last that is too near."""

@@ -6,8 +6,7 @@ import torch
 from jaxtyping import TypeCheckError
 from tiny_radar import RADAR, tiny
 
-from trainer.networks.doa_cnn import DoaCnn
-from trainer.networks.unets import AttentionUNet, SpectralUNet, crop_like, pad_to_multiple
+from trainer.networks.convolutional import AttentionUNet, DoaCnn, SpectralUNet, crop_like, pad_to_multiple
 from trainer.networks.unrolled import UnrolledNetwork
 from trainer.run.imager import build_network
 

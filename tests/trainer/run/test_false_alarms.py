@@ -26,7 +26,7 @@ from trainer.estimators.fitting import (
 from trainer.run import false_alarms
 from trainer.run.detections import Sought, find_detections
 from trainer.run.options import PointsRequest
-from trainer.run.predictor import Predictor
+from trainer.run.predict import Predictor
 
 RADAR = Radar()
 BINS = np.array([-1, 0, 1])
@@ -138,17 +138,18 @@ def test_fewer_lines_need_more_and_any_radar_will_do() -> None:
             for lines in (1e-3, 1.0, 10.0, 1e9)
         ]
         assert (np.diff(levels) < 0.0).all()
+        assert levels[-1] == false_alarms.LEAST
     assert 10.0 < false_alarms.first_line_threshold(1.0, radar_of(1), ARRAYS["full"], False) < 20.0
-    here = LineArray(np.zeros(3), RADAR.waveform.wavelength_m)
-    assert false_alarms.first_line_threshold(1e9, RADAR, here, False) == false_alarms.LEAST
 
 
 def test_an_array_of_few_unequal_elements_has_a_level_too() -> None:
     """Its lobes are so high that at low levels the equation has fewer lines than are asked for: with that level 53
     lines of a frame of noise were listed, where 1 was asked for."""
-    y = np.array([-0.0301, -0.0147, 0.0009, 0.0302])
-    array = LineArray(y, RADAR.waveform.wavelength_m)
-    levels = [false_alarms.first_line_threshold(lines, RADAR, array, True) for lines in (0.1, 0.3, 1.0, 3.0, 10.0)]
+    y = (-0.0301, -0.0147, 0.0009, 0.0302)
+    rx = tuple((0.0, place, 0.0) for place in y)
+    radar = Radar(array=AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=rx))
+    array = LineArray(np.array(y), RADAR.waveform.wavelength_m)
+    levels = [false_alarms.first_line_threshold(lines, radar, array, True) for lines in (0.1, 0.3, 1.0, 3.0, 10.0)]
     steps = -np.diff(levels)
     assert (steps[:2] > 1.0).all()  # three times as many lines are at least that much, of exp(-t)
     assert levels[-1] > 8.0

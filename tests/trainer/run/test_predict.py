@@ -25,12 +25,12 @@ from shared.signal.features import adaptive_features, row_features, snapshot_fea
 from trainer import predict
 from trainer.cli.app import app
 from trainer.data.measurements import Cells, Measurement, open_measurements
-from trainer.run.answers import Told, network_answer
+from trainer.run.answers import Circumstances, network_answer
 from trainer.run.detection_files import records
 from trainer.run.export import export
 from trainer.run.folder import load_imager
 from trainer.run.pictures import save_animation
-from trainer.run.predictor import Predictor, merge_peaks
+from trainer.run.predict import Predictor, merge_peaks
 
 SPECTRAL = {"model": "spectral-unet"}
 SHAPE = (RADAR.waveform.range_bins, RADAR.grid.bins)
@@ -185,7 +185,7 @@ def test_a_row_that_stands_in_several_images_is_computed_once(tmp_path, monkeypa
     monkeypatch.setattr(answer.imager, "features", counted)
     found = answer.peaks(measurement)
     world = None if motion is None else StaticWorld(motion, velocity, answer.radar)
-    expected = answer.images(snapshots, Told(NOISE_POWER, world=world))
+    expected = answer.images(snapshots, Circumstances(NOISE_POWER, world=world))
     assert computed == [(1, (~again).sum()), (5, 24)]
     for one, other in zip(found, expected, strict=True):
         if one is None or other is None:
@@ -297,8 +297,8 @@ def test_the_command_goes_before_the_file_and_the_file_before_the_frame(tmp_path
     told, _ = motion(velocity=(2.0, 1.0), mounting_yaw_deg=-90.0)
     assert (told["forward"], told["left"]) == pytest.approx((-1.0, 2.0))
     for text, problem in [
-        ('{"velocity": [1.0]}', "velocity"), ("{", "not JSON"), ('{"velocity": [[1, 0], [2, 0]]}', "2 velocities"),
-        ('{"velocity": [1, 0], "yaw": 3}', "unknown field yaw"),
+        ('{"velocity": [1.0]}', "velocity"), ("{", "not readable as JSON"),
+        ('{"velocity": [[1, 0], [2, 0]]}', "2 velocities"), ('{"velocity": [1, 0], "yaw": 3}', "unknown field yaw"),
     ]:  # fmt: skip
         side.write_text(text)
         with pytest.raises(InputError, match=problem):

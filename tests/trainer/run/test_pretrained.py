@@ -6,7 +6,7 @@ import torch
 
 from shared.radar import load_radar
 from shared.signal.windows import cell_noise_power
-from trainer.data.simulation import Condition, simulate
+from trainer.data.simulation import TrialCondition, simulate
 from trainer.estimators.base import line_array
 from trainer.estimators.fitting import fit_lines, score_peaks
 from trainer.metrics.peaks import resolved
@@ -37,7 +37,7 @@ def test_it_is_of_the_default_radar_and_its_array(name):
 def test_one_target_reads_its_level_at_its_place_and_is_certain(name):
     run, imager = load_imager(pretrained_run(name))
     radar, noise = run.radar, cell_noise_power(run.radar)
-    trials = simulate(radar, Condition(0.0, 25.0), 20, [4])
+    trials = simulate(radar, TrialCondition(0.0, 25.0), 20, [4])
     with torch.inference_mode():
         image, probability = imager.detect(torch.from_numpy(trials.snapshots[:1]), torch.tensor([noise]))
     assert probability is not None
@@ -58,7 +58,7 @@ def test_its_lines_resolve_pairs_half_a_cell_apart(name):
     run, imager = load_imager(pretrained_run(name))
     radar, noise = run.radar, cell_noise_power(run.radar)
     channels = run.array.channels(radar)
-    trials = simulate(radar, Condition(0.5, 20.0), 46, [5])
+    trials = simulate(radar, TrialCondition(0.5, 20.0), 46, [5])
     found = []
     for snapshots in trials.snapshots:
         with torch.inference_mode():

@@ -19,7 +19,7 @@ from shared.physics.errors import InputError
 from shared.signal.imaging import steering_matrix
 from shared.signal.signal import manifold
 from trainer import fit, predict
-from trainer.data.shards import ShardDataset
+from trainer.data.dataset import ShardDataset
 from trainer.run.configuration import CALIBRATED, FitConfig
 from trainer.run.folder import METRICS, WEIGHTS, load_imager, read_run, save_weights
 from trainer.run.imager import Imager

@@ -10,7 +10,7 @@ from tiny_radar import NOISE_POWER, RADAR, TINY, frame, tiny
 from shared.signal.features import steering_weights
 from shared.signal.signal import manifold
 from trainer.data.arrays import ArrayChoice
-from trainer.data.shards import BatchOrder
+from trainer.data.dataset import BatchOrder
 from trainer.metrics.cells import truth_cells
 from trainer.run.configuration import FitConfig
 from trainer.run.imager import Imager, decode, encode

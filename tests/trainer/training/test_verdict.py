@@ -14,8 +14,7 @@ from trainer import fit
 from trainer.evaluation.experiments.contenders import estimator_contender
 from trainer.evaluation.experiments.frames import score_frame
 from trainer.metrics.bootstrap import Interval
-from trainer.metrics.cells import CellScores, truth_cells
-from trainer.metrics.ranking import pooled
+from trainer.metrics.cells import CellScores, pooled, truth_cells
 from trainer.run.answers import array_answer
 from trainer.run.folder import METRICS, Run, load_imager, read_validations, save_weights, write_run
 from trainer.run.imager import Imager

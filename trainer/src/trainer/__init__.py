@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from trainer.run.folder import Run as Run
     from trainer.run.folder import load_imager as load_imager
     from trainer.run.imager import Imager as Imager
+    from trainer.run.predict import Predictor as Predictor
     from trainer.run.predict import predict as predict
-    from trainer.run.predictor import Predictor as Predictor
     from trainer.run.pretrained import pretrained_names as pretrained_names
     from trainer.run.pretrained import pretrained_run as pretrained_run
     from trainer.training.fit import fit as fit
@@ -33,7 +33,7 @@ _MODULES = {
     "Example": "trainer.data.dataset",
     "Imager": "trainer.run.imager",
     "InputError": "shared.physics.errors",
-    "Predictor": "trainer.run.predictor",
+    "Predictor": "trainer.run.predict",
     "RadarDataset": "trainer.data.dataset",
     "Run": "trainer.run.folder",
     "calibrate": "trainer.captures.calibrating",

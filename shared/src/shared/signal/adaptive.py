@@ -21,8 +21,8 @@ virtual sensor would see of them.
 What is known beforehand of where echoes are, a prior w_n (:mod:`shared.signal.ego_motion`), multiplies P in each
 iteration of "iaa", and :data:`PRIOR_EXPONENT` of it in each of "likes". Without one, or where it is 1, nothing changes.
 
-One implementation for NumPy and torch, in single precision and for all rows at once: a network's input.
-``trainer.estimators`` has the estimators, in double precision, on an axis as fine as their array asks for.
+One implementation for NumPy and torch, for all rows at once: in single precision a network's input, in double precision
+what ``trainer.estimators`` are made of, on an axis as fine as their array asks for.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from contextlib import contextmanager
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Complex64, Float32, Float64, Int, Int64
+from jaxtyping import Complex, Complex64, Float, Float32, Float64, Int
 
 from shared.radar import Radar
 from shared.signal.imaging import steering_matrix
@@ -81,17 +81,16 @@ def one_thread(library: Any) -> Iterator[None]:
 class AdaptiveTables(NamedTuple):
     """What follows from array and grid alone, for N scanned angles and the L distances between C elements.
 
-    :param matched: [C, N] complex64 exp(j k u (p - p_m)), p_m the mean of p: the phase of q then does not turn with
-        the place of the array
-    :param phases: [2, L, N] float32 cosine and sine of k u l, l the distance
-    :param pair: [C * C] int64 which distance p_c - p_d has, row by row
-    :param sign: [C * C] float32 of p_c - p_d; 0 for elements at one place
+    :param matched: [C, N] exp(j k u p)
+    :param phases: [2, L, N] cosine and sine of k u l, l the distance
+    :param pair: [C * C] which distance p_c - p_d has, row by row
+    :param sign: [C * C] of p_c - p_d; 0 for elements at one place
     """
 
-    matched: Complex64[Array, "channels angles"]
-    phases: Float32[Array, "2 distances angles"]
-    pair: Int64[Array, " pairs"]
-    sign: Float32[Array, " pairs"]
+    matched: Complex[Array, "channels angles"]
+    phases: Float[Array, "2 distances angles"]
+    pair: Int[Array, " pairs"]
+    sign: Float[Array, " pairs"]
 
 
 def scanned_angles(radar: Radar) -> Float64[np.ndarray, " angles"]:
@@ -105,19 +104,39 @@ def scanned_angles(radar: Radar) -> Float64[np.ndarray, " angles"]:
     return np.concatenate([grid.u, below, above])
 
 
-def adaptive_tables(radar: Radar, channels: Int[np.ndarray, " channels"]) -> AdaptiveTables:
-    """Tables of these channels of the radar's array on :func:`scanned_angles`, as NumPy arrays."""
-    u = scanned_angles(radar)
-    positions_m, wavelength_m = radar.array.virtual[channels, 1], radar.waveform.wavelength_m
+def line_tables(
+    positions_m: Float64[np.ndarray, " channels"],
+    wavelength_m: float,
+    u: Float64[np.ndarray, " angles"],
+    digits: int = 15,
+) -> AdaptiveTables:
+    """Tables of elements at these places of a line on angles ``u``, in double precision, as NumPy arrays.
+
+    :param digits: decimals of a wavelength that distances have
+    """
     positions = positions_m / wavelength_m
-    difference = np.round(positions[:, None] - positions[None, :], DISTANCE_DIGITS).ravel()
-    distance, pair = np.unique(np.abs(difference), return_inverse=True)
-    phase = 2.0 * np.pi * np.outer(distance, u)
+    difference = (positions[:, None] - positions[None, :]).ravel()
+    rounded = np.round(difference, DISTANCE_DIGITS)
+    _, first, pair = np.unique(np.abs(rounded), return_index=True, return_inverse=True)
+    phase = 2.0 * np.pi * np.outer(np.round(np.abs(difference[first]), digits), u)
+    matched = manifold(positions_m, wavelength_m, u).conj()
+    return AdaptiveTables(matched, np.stack([np.cos(phase), np.sin(phase)]), pair.reshape(-1), np.sign(rounded))
+
+
+def adaptive_tables(radar: Radar, channels: Int[np.ndarray, " channels"]) -> AdaptiveTables:
+    """Tables of these channels of the radar's array on :func:`scanned_angles`, as NumPy arrays.
+
+    Places count from their mean: the phase of q then does not turn with the place of the array.
+    """
+    positions_m = radar.array.virtual[channels, 1]
+    centred, wavelength_m = positions_m - positions_m.mean(), radar.waveform.wavelength_m
+    # A network's last digits follow from these distances, and the shipped weights were trained with them.
+    found = line_tables(centred, wavelength_m, scanned_angles(radar), DISTANCE_DIGITS)
     return AdaptiveTables(
-        manifold(positions_m - positions_m.mean(), wavelength_m, u).conj().astype(np.complex64),
-        np.stack([np.cos(phase), np.sin(phase)]).astype(np.float32),
-        pair.reshape(-1).astype(np.int64),
-        np.sign(difference).astype(np.float32),
+        found.matched.astype(np.complex64),
+        found.phases.astype(np.float32),
+        found.pair.astype(np.int64),
+        found.sign.astype(np.float32),
     )
 
 
@@ -138,14 +157,17 @@ def view_table(
 
 
 def adaptive_forms(
-    power: Float32[Array, "rows angles"],
-    snapshot: Complex64[Array, "rows channels"],
-    loading: Float32[Array, " rows"],
+    power: Float[Array, "rows angles"],
+    snapshot: Complex[Array, "rows channels"],
+    loading: Float[Array, " rows"],
     tables: AdaptiveTables,
-) -> tuple[Complex64[Array, "rows angles"], Float32[Array, "rows angles"]]:
-    """(q = a^H R^-1 x, s = a^H R^-1 a) [B, N] of powers [B, N] and snapshots [B, C].
+    floor: float = FLOOR,
+    least: float = FLOOR,
+) -> tuple[Complex[Array, "rows angles"], Float[Array, "rows angles"]]:
+    """(q = a^H R^-1 x, s = a^H R^-1 a) [B, N] of powers [B, N] and snapshots [B, C], in the tables' precision.
 
     :param loading: [B] sigma^2
+    :param floor: least sigma^2, of the power in a row; :param least: what is added to that
     """
     xp = array_namespace(snapshot)
     channels, (cosine, sine) = snapshot.shape[-1], tables.phases
@@ -153,7 +175,7 @@ def adaptive_forms(
     real, imaginary = power @ cosine.T, power @ sine.T
     covariance = real[:, tables.pair] - 1j * (imaginary[:, tables.pair] * tables.sign)
     total = power.sum(-1)
-    white = xp.maximum(loading, FLOOR * total + FLOOR)
+    white = xp.maximum(loading, floor * total + least)
     identity = xp.eye(channels, dtype=cosine.dtype, device=snapshot.device)
     with one_thread(xp):
         inverse = xp.linalg.inv(covariance.reshape(-1, channels, channels) + white[:, None, None] * identity)

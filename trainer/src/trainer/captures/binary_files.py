@@ -83,7 +83,6 @@ def read_cascade(path: Path, of_board: CaptureRadar, reading: Reading) -> NDArra
     """[frame, chirp, sample, C] in counts of the converter.
 
     :param path: folder, or the master's data file
-    :param of_board: all sixteen RX by default
     :raises InputError: a file that is missing, or whose size does not fit its index, the radar or the other files
     """
     radar = of_board.radar

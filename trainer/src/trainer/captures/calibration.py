@@ -55,9 +55,7 @@ class Calibration(Described):
     :param array: elements in use, TX in the order they send
     :param carrier_hz: begin of the sweep that it was measured with
     :param bandwidth_hz: of that sweep; gain and phase are those of its middle
-    :param gain_db: [C]
-    :param phase_deg: [C]
-    :param delay_s: [C]
+    :param gain_db, phase_deg, delay_s: [C]
     :param dead_channels: without an echo; their gain is 0 dB, their phase and delay 0
     :param model_error_db: power that another reflector leaves after calibration, relative to its power; None where none
         was tried

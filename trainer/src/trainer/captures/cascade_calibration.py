@@ -55,12 +55,10 @@ number of bins, for there are no more samples: 1e-16 of 10 240. Double precision
 class CascadeCalibration:
     """What the file holds.
 
-    :param path: of the file
     :param spectra: [bins, RX, TX] complex
     :param peaks: [TX, RX] complex
     :param bins: [TX, RX] of the peaks
-    :param slope_hz_per_s: of its chirp
-    :param sample_rate_hz: of its chirp
+    :param slope_hz_per_s, sample_rate_hz: of its chirp
     """
 
     path: Path
@@ -129,11 +127,6 @@ class CascadeCalibration:
                 return tx, rx
         problem = f"{PEAKS} is of the elements of {BOARDS[0]!r}"
         raise InputError(self.path, problem, "a --radar whose TX and RX are among them")
-
-
-def is_cascade_calibration(arrays: Mapping[str, NDArray[Any]]) -> bool:
-    """Whether a file's arrays are those of TI's scripts, whole or not."""
-    return any(name.startswith("calibResult/") for name in arrays)
 
 
 def read_cascade_calibration(path: Path, arrays: Mapping[str, NDArray[Any]] | None = None) -> CascadeCalibration:

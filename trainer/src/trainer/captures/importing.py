@@ -19,7 +19,7 @@ from shared.radar.boards import BOARDS
 from trainer.captures.array_files import read_array_capture
 from trainer.captures.binary_files import DEVICES, LANES, Lanes, cascade_files, read_cascade, read_dca1000
 from trainer.captures.calibration import Calibration, read_calibration
-from trainer.captures.cascade_calibration import is_cascade_calibration, read_cascade_calibration
+from trainer.captures.cascade_calibration import read_cascade_calibration
 from trainer.captures.cube_file import Capture, Scale, measured_noise, write_cube
 from trainer.captures.options import ImportOptions, Reading
 from trainer.captures.reading import SUFFIXES, read_arrays
@@ -45,7 +45,6 @@ class RawCapture:
 
     :param cube: [frame, chirp, sample, C] complex64 [sqrt(W)], or counts
     :param sha256: of the files
-    :param scale: unit of the cube
     :param dead: channels without an echo
     :param notes: what a user should know, a line each
     """
@@ -111,7 +110,7 @@ def read_capture(source: Path, reading: Reading) -> RawCapture:
         if reading.layout is not None:
             raise InputError("--layout", f"{reading.layout!r} of {source}", "no --layout: it is of .bin files")
         arrays = read_arrays(source)
-        if is_cascade_calibration(arrays):
+        if any(name.startswith("calibResult/") for name in arrays):  # of TI's scripts, whole or not
             order = None if reading.order == "iq" else reading.order
             for option, value in (("--axes", reading.axes), ("--variable", reading.variable), ("--order", order)):
                 if value is not None:

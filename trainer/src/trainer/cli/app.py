@@ -1,14 +1,24 @@
-"""``trainer``: the command line. Thin: parse, call the library, print."""
+"""``trainer``: the command line. Thin: parse, call the library, print.
+
+What computes takes seconds to import, and ``--help`` should not: a command imports its function when it runs.
+"""
 
 from __future__ import annotations
 
+import shlex
+from typing import Any
+
 from shared.cli.application import application
-from shared.cli.ending import Ending, run_app
-from trainer.cli.captures import calibrate, import_
-from trainer.cli.evaluate import evaluate
-from trainer.cli.fit import fit
-from trainer.cli.predict import export, predict
+from shared.cli.console import plain_console
+from shared.cli.ending import Ending, Interrupted, run_app
+from shared.cli.options import asking
+from shared.physics.errors import InputError
+from shared.processes.telling import AnnouncingOptions
+from trainer.captures.options import CalibrateOptions, ImportOptions
 from trainer.errors import TrainingStopped, out_of_memory
+from trainer.evaluation.options import EvaluateOptions
+from trainer.run.options import ExportOptions, PredictRequest
+from trainer.training.options import FitRequest
 
 EXAMPLES = {
     "fit": (
@@ -42,6 +52,86 @@ EXAMPLES = {
 ``build/mine`` is a dataset that ``datafactory render`` made; captures are the reader's own.
 """
 STOPPED = "interrupted; the same command with --resume goes on from the last checkpoint"
+
+EXTRA = "pip install 'sparseradar-trainer[export]'"
+
+
+def _told(asked: AnnouncingOptions) -> dict[str, Any]:
+    """What was asked for, with lines for the console."""
+    return {**vars(asked), "announce": plain_console().print}
+
+
+@asking(FitRequest)
+def fit(asked: FitRequest) -> None:
+    """Train a network on datasets of the factory."""
+    from shared.dataset.locations import locate
+    from trainer.training.fit import fit as run_fit
+    from trainer.training.processes import is_first
+
+    run_fit(**_told(asked))
+    if not is_first():
+        return
+    # The located name is shown: a URI as given may hold a key.
+    data, run = shlex.quote(str(locate(asked.datasets[0]))), shlex.quote(str(asked.out))
+    next_command = f"trainer predict {run} {data} --out DIR"
+    plain_console().print(f"run in {asked.out}; curves: tensorboard --logdir {run}; next: {next_command}")
+
+
+@asking(PredictRequest)
+def predict(asked: PredictRequest) -> None:
+    """Image frames with a trained network or a classical estimator, every Doppler peak of a range bin included."""
+    from trainer.run.predict import predict as run_predict
+
+    try:
+        run_predict(**_told(asked))
+    except KeyboardInterrupt:
+        # Pictures of the frames imaged so far may stand in the folder, which has to be empty.
+        raise Interrupted(", into a new or emptied --out") from None
+
+
+@asking(EvaluateOptions)
+def evaluate(asked: EvaluateOptions) -> None:
+    """Hold runs and classical estimators against each other: metrics, figures, and a page to look at."""
+    from shared.cli.progress import bars
+    from trainer.evaluation.evaluate import evaluate as run_evaluate
+
+    console = plain_console()
+    with bars(console) as advance:
+        run_evaluate(**{**vars(asked), "announce": console.print, "progress": advance})
+
+
+@asking(ExportOptions)
+def export(asked: ExportOptions) -> None:
+    """Write a run's network as ONNX, checked against torch."""
+    try:
+        from trainer.run.export import export as run_export
+    except ModuleNotFoundError as error:
+        if error.name not in ("onnx", "onnxruntime"):
+            raise
+        raise InputError("trainer export", f"the package {error.name} is not installed", EXTRA) from error
+
+    result = run_export(**vars(asked))
+    print(
+        f"{result.path}: within {result.difference:.1e} of torch; one image takes {1e3 * result.torch_seconds:.0f} ms "
+        f"in torch, {1e3 * result.onnx_seconds:.0f} ms in onnxruntime"
+    )
+
+
+@asking(CalibrateOptions)
+def calibrate(asked: CalibrateOptions) -> None:
+    """Gain, phase and delay of a board's channels from captures of a reflector whose place is known."""
+    from trainer.captures.calibrating import calibrate as run_calibrate
+
+    run_calibrate(**_told(asked))
+
+
+@asking(ImportOptions)
+def import_(asked: ImportOptions) -> None:
+    """The raw samples of a board as a cube that predict and evaluate read."""
+    from trainer.captures.importing import import_capture
+
+    import_capture(**_told(asked))
+
 
 app = application(
     "trainer",

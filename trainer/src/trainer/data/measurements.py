@@ -1,29 +1,79 @@
-"""What ``trainer predict`` images: the frames of a dataset, or a radar cube from a file."""
+"""What ``trainer predict`` images: the frames of a dataset, or a radar cube from a file; and the sensor's own velocity
+that is told with them (docs/points.md)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, FiniteFloat
 
+from shared.dataset.documents import read_json
 from shared.dataset.folder import MANIFEST, SPLITS, open_dataset
 from shared.dataset.locations import Location, RemotePath, locate
 from shared.dataset.reading import radar_of
 from shared.dataset.schema import Frame
 from shared.physics.errors import InputError
-from shared.radar import Radar
-from shared.signal.ego_motion import EgoMotion
+from shared.radar import Radar, validated
+from shared.radar.validation import Described
+from shared.signal.ego_motion import EgoMotion, StaticWorld
 from shared.signal.model_error import NO_MODEL_ERROR_DB, UNCALIBRATED_DB
 from shared.signal.spectrum import doppler_neighbours, range_doppler, select_doppler, unfold
 from trainer.captures.cube_file import CubeFile, read_cube
 from trainer.data.cfar import cfar_cells
-from trainer.data.motion import read_motion
 from trainer.defaults import ALL, PEAKS
 
+SUFFIX = ".motion.json"
 LEAST_CHIRPS = 4
 """The main lobe of a Hann window: of no more chirps a cell's neighbours are no evidence of its velocity."""
+
+Velocity = tuple[FiniteFloat, FiniteFloat]
+
+
+class MotionFile(Described):
+    """``NAME.motion.json`` beside ``NAME.npz`` or ``NAME.npy``.
+
+    :param velocity: of the vehicle at the radar, forward and to the left [m/s]: of all frames, or of each
+    :param mounting_yaw_deg: by how much the radar is turned to the left on it
+    """
+
+    velocity: Velocity | Annotated[tuple[Velocity, ...], Field(min_length=1)]
+    mounting_yaw_deg: Annotated[FiniteFloat, Field(ge=-360, le=360)] = 0.0
+
+    def motions(self, frames: int) -> list[EgoMotion] | None:
+        """The motion of each of so many frames; None where the file has another number."""
+        several = [one for one in self.velocity if isinstance(one, tuple)]
+        each = several or [cast("Velocity", self.velocity)] * frames
+        yaw = math.radians(self.mounting_yaw_deg)
+        return [EgoMotion.of_vehicle(*one, yaw) for one in each] if len(each) == frames else None
+
+
+def read_motion(cube: Path, frames: int) -> list[EgoMotion] | None:
+    """The sensor's motion in each frame of a cube, of the file beside it; None where there is none.
+
+    :raises InputError: a damaged file, or of another number of frames
+    """
+    path = cube.with_suffix(SUFFIX)
+    if not path.is_file():
+        return None
+    content = validated(MotionFile, read_json(path, 'e.g. {"velocity": [8.3, 0.0]}'), path)
+    if (motions := content.motions(frames)) is None:
+        raise InputError(path, f"{len(content.velocity)} velocities", f"one, or one for each of {frames} frames")
+    return motions
+
+
+def known_world(frame: Mapping[str, Any], radar: Radar) -> StaticWorld:
+    """What the sensor's motion says of the rows [R] of a frame of a dataset at their strongest Doppler peaks.
+
+    :param frame: its arrays or tensors by name, the velocity among them
+    """
+    velocity, orientation = (np.asarray(frame[f"sensor_{name}"]).tolist() for name in ("velocity", "orientation"))
+    return StaticWorld(EgoMotion.of_pose(velocity, orientation), np.asarray(frame["velocity"][0]), radar)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +150,7 @@ def open_measurements(
     """The radar and the frames of a dataset's split, local or remote, or of a cube.
 
     A cube is a ``.npy`` with its radar named by ``radar``, or a ``.npz``, see :mod:`trainer.captures.cube_file`; a file
-    beside it may state the sensor's motion, see :mod:`trainer.data.motion`.
+    beside it may state the sensor's motion, see :class:`MotionFile`.
 
     :param cells: of :data:`trainer.defaults.CELLS`
     :raises InputError: neither, or one that is damaged or does not fit its radar

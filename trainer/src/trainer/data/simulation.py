@@ -104,19 +104,17 @@ def amplitude_of(signal_to_noise_db: float, radar: Radar) -> float:
 
 
 @dataclass(frozen=True)
-class Condition:
+class TrialCondition:
     """What a set of trials has in common.
 
     :param separation_cells: between the targets, in resolution cells of the full array; 0 for a single target
     :param snr_db: of the stronger target in one channel
     :param ratio_db: stronger over weaker target
-    :param phase_rad: of the second target against the first at the middle of the array; uniform where None
     """
 
     separation_cells: float
     snr_db: float
     ratio_db: float = 0.0
-    phase_rad: float | None = None
 
     @property
     def named(self) -> dict[str, str]:
@@ -124,8 +122,7 @@ class Condition:
         single = {"snr": f"{self.snr_db:g} dB"}
         if self.separation_cells == 0:
             return single
-        phase = {} if self.phase_rad is None else {"phase": f"{np.rad2deg(self.phase_rad):g} deg"}
-        return {"separation": f"{self.separation_cells:g} RL", **single, "ratio": f"{self.ratio_db:g} dB", **phase}
+        return {"separation": f"{self.separation_cells:g} RL", **single, "ratio": f"{self.ratio_db:g} dB"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +165,7 @@ def no_room(radar: Radar, separation_cells: float) -> str | None:
 
 def simulate(
     radar: Radar,
-    condition: Condition,
+    condition: TrialCondition,
     trials: int,
     seed: Sequence[int],
     arrays: Sequence[AntennaArray] | None = None,
@@ -189,8 +186,6 @@ def simulate(
     u = centre[:, None] + gap * np.array([[-0.5, 0.5]]) if targets == 2 else centre[:, None]
     level_db = np.zeros((count, targets))
     if targets == 2:
-        if condition.phase_rad is not None:
-            phase[:, 1] += condition.phase_rad - _phase_at_middle(radar, u, phase)
         level_db[np.arange(count), 1 - stronger] = -condition.ratio_db
     amplitude = amplitude_of(condition.snr_db, radar) * 10.0 ** (level_db / 20.0) * np.exp(1j * phase[:, :targets])
     ranges = radar.waveform.range_step_m * np.repeat(rows, targets).astype(np.float64)

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from trainer.estimators.adaptive import IterativeAdaptive, SparseCovariance, VirtualView
 from trainer.estimators.array import LineArray, NoisePower, line_array
-from trainer.estimators.das import DelayAndSum
+from trainer.estimators.baselines import DelayAndSum, Music
 from trainer.estimators.ml import MaximumLikelihood
-from trainer.estimators.music import Music
 from trainer.estimators.omp import OrthogonalMatchingPursuit
 
 __all__ = ["ESTIMATORS", "UNIFORM_ESTIMATORS", "Estimator", "LineArray", "NoisePower", "line_array"]

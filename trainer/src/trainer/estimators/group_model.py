@@ -8,13 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from trainer.estimators.group_products import ZERO, differentiate, evaluate
+from trainer.estimators.lines import RIDGE, SEPARABLE
 from trainer.estimators.small_matrices import backward, cholesky, eigen, forward, part, part_of_one, scaled, solve
-
-SEPARABLE = 0.05
-"""Least eigenvalue of the Gram matrix of normed lines whose part of the amplitudes is told, see
-:func:`trainer.estimators.lines.bounded_amplitudes`."""
-RIDGE = 1e-12
-"""On the diagonal of a Gram matrix: two lines at one place share its amplitude instead of failing."""
 
 
 @part

@@ -10,6 +10,7 @@ import numpy as np
 from trainer.estimators.group_model import least_squares
 from trainer.estimators.group_products import ONE, ZERO, evaluate
 from trainer.estimators.group_steps import PRUNING_STEPS, copy, highest_peaks, put, refine, scan, smallest_first
+from trainer.estimators.lines import KEPT_ANGLES, LEAST_APART, NEAR_CELLS
 from trainer.estimators.small_matrices import part_of_one
 
 ELSEWHERE = 3
@@ -19,12 +20,6 @@ MOST_SEARCHED = 5
 CROWDED = 4
 """Channels to a line, of so many or fewer each two lines are tried as one: in one row of a hundred of 12 channels that
 ends at a better optimum."""
-NEAR_CELLS = 0.2
-"""Angles so near are refined to the same ones."""
-KEPT_ANGLES = 48
-"""Of a group, of which all pairs are tried."""
-LEAST_APART = 1e-4
-"""Least share of a pair's lines outside each other that is told from rounding."""
 OFF_GRID = 0.1
 """Share of what lines explain, that they may gain at most by being refined where they stood at grid angles."""
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from shared.physics.compiled import inlined
-from trainer.estimators.group_model import RIDGE, bounded, information, least_squares
+from trainer.estimators.group_model import bounded, information, least_squares
 from trainer.estimators.group_products import (
     COSINE,
     FARTHEST,
@@ -20,19 +20,22 @@ from trainer.estimators.group_products import (
     evaluate,
     table_place,
 )
+from trainer.estimators.lines import (
+    CLOSEST,
+    DAMPING_FACTOR,
+    FIRST_DAMPING,
+    LARGEST_STEP,
+    LEAST_DAMPING,
+    MOST_DAMPING,
+    RIDGE,
+    SETTLED,
+)
 from trainer.estimators.small_matrices import part, solve
 
 PRUNING_STEPS = np.int64(4)
 """Gauss-Newton steps of a trial."""
-LARGEST_STEP, SETTLED = 0.25, 1e-6
-"""Of a resolution cell or a bin: farther than the one the linear step is no guide, below the other it changes
-nothing."""
 ENOUGH = 1e-2
 """Of the noise power: a trial that would gain less is at its optimum."""
-FIRST_DAMPING, DAMPING_FACTOR, LEAST_DAMPING, MOST_DAMPING = 1e-3, 10.0, 1e-9, 1e9
-"""Levenberg's, relative to the diagonal: a rejected step raises it, an accepted one lowers it."""
-CLOSEST = 1e-9
-"""Least share of a line outside the span of others that is told from rounding."""
 
 
 @part

@@ -14,11 +14,22 @@ from trainer.estimators.array import (
     NoisePower,
     check_snapshots,
     draw_lines,
-    image_rows,
+    row_powers,
     uniform_axis,
 )
-from trainer.estimators.lines import STEPS, bounded_amplitudes, line_amplitudes, refine_lines
-from trainer.estimators.moves import additions, beside_lines, best_refit, pair_energy, pairs_elsewhere, raced, refit
+from trainer.estimators.lines import (
+    STEPS,
+    additions,
+    beside_lines,
+    best_refit,
+    bounded_amplitudes,
+    line_amplitudes,
+    pair_energy,
+    pairs_elsewhere,
+    raced,
+    refine_lines,
+    refit,
+)
 
 SEARCH_POINTS, CANDIDATES = 6, 8
 """Angles searched in a resolution cell, and pairs refined: of 6 400 random pairs (10 and 30 dB, 0.25 to 3.3 cells, 18
@@ -31,7 +42,7 @@ PAIR_POINTS, FIRSTS, SECONDS, ADDED = 4, 32, 8, 3
 lines and more, and further ones beside the best four. The last two of three and four lines are searched as a pair."""
 PAIRS_EACH, BEGIN, PAIRS, RACE = 2, ((2, 60), (3, 8)), 8, ((2, 4), (3, 2), (STEPS, 1))
 """Pairs tried beside each such beginning, and beside the others of a result; how they are raced, see
-:func:`trainer.estimators.moves.raced`. Of 400 random triples and 400 quadruples, with neighbours 0.25 to 3 cells apart
+:func:`trainer.estimators.lines.raced`. Of 400 random triples and 400 quadruples, with neighbours 0.25 to 3 cells apart
 at 10 to 30 dB, 18 and 12 channels, at most one in a hundred ends worse than a refinement from the truth."""
 SEARCHES_AT_ONCE = 512
 """Pair searches of a block of rows: 48 x 48 pairs each in single precision, 10 MB an array."""
@@ -64,24 +75,20 @@ class MaximumLikelihood:
         self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: NoisePower
     ) -> NDArray[np.float64]:
         """[R, U] K lines a row with their magnitudes [sqrt(W)], each in its nearest bin of u [U]."""
-        _check_count(self.targets, array)
-
-        def solve(x: NDArray[np.complex128], _: NDArray[np.float64]) -> NDArray[np.float64]:
-            found = _search(x, array, self.targets)
-            amplitude, _left = bounded_amplitudes(x, found, array)
-            return draw_lines(found, np.abs(amplitude), array, u)
-
-        return image_rows(snapshots, array, len(u), noise_power, solve)
+        row_powers(noise_power, len(snapshots))
+        found, amplitude = self.locate(snapshots, array)
+        return draw_lines(found, np.abs(amplitude), array, u)
 
     def locate(
         self, snapshots: NDArray[np.complexfloating], array: LineArray
     ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
         """(u [R, K] rising, complex amplitudes [R, K] [sqrt(W)]); zeros where the snapshot is zero.
 
-        :param snapshots: [R, C] [sqrt(W)]
         :raises InputError: K so many that they explain any snapshot
         """
-        _check_count(self.targets, array)
+        if self.targets >= max(array.channels, 2):
+            problem = f"targets = {self.targets} with {array.channels} channels"
+            raise InputError("ml", problem, "fewer than channels")
         check_snapshots(snapshots, array)
         found = np.zeros((len(snapshots), self.targets))
         amplitude = np.zeros(found.shape, dtype=np.complex128)
@@ -94,11 +101,6 @@ class MaximumLikelihood:
             found[block] = np.sort(_search(x, array, self.targets), axis=1)
             amplitude[block] = scale[block, None] * bounded_amplitudes(x, found[block], array)[0]
         return found, amplitude
-
-
-def _check_count(targets: int, array: LineArray) -> None:
-    if targets >= max(array.channels, 2):
-        raise InputError("ml", f"targets = {targets} with {array.channels} channels", "fewer than channels")
 
 
 def _search(x: NDArray[np.complex128], array: LineArray, targets: int) -> NDArray[np.float64]:
@@ -169,7 +171,7 @@ def _improve(
 def _best_pair(x: NDArray[np.complex128], array: LineArray, axis: NDArray[np.float64]) -> NDArray[np.float64]:
     """[B, 2] the pair that explains most of x: all pairs of grid angles are tried, the best few refined.
 
-    The overlap of :func:`trainer.estimators.moves.pair_energy` depends on the distance of the two angles alone, so that
+    The overlap of :func:`trainer.estimators.lines.pair_energy` depends on the distance of the two angles alone, so that
     all pairs of one distance are done at once. The best of one distance is one candidate; its neighbours, half a grid
     step away, are refined to the same optimum.
     """

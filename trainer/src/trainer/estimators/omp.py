@@ -11,8 +11,14 @@ from scipy.special import gammaincinv, gammaln
 
 from trainer.estimators.array import LineArray, NoisePower, draw_lines, image_rows, scan_axis, uniform_axis
 from trainer.estimators.fitting import line_threshold
-from trainer.estimators.lines import bounded_amplitudes, bounded_energy_left, line_amplitudes, refine_lines
-from trainer.estimators.moves import best_refit, pairs_elsewhere
+from trainer.estimators.lines import (
+    best_refit,
+    bounded_amplitudes,
+    bounded_energy_left,
+    line_amplitudes,
+    pairs_elsewhere,
+    refine_lines,
+)
 
 MOST_LINES = 16
 """In a range bin, and at most half the channels: beyond that no sparse solution is known to be the only one."""
@@ -41,13 +47,10 @@ class OrthogonalMatchingPursuit:
       explains nothing more within the bound is the last, see :func:`trainer.estimators.lines.bounded_amplitudes`.
 
     Two echoes of one level defeat "cfar": the second is the noise in which the first is to stand out, and where their
-    sidelobes add the first line is neither. Of 200 pairs of equal level 7 degrees apart 30 rows are wrong with 18
-    channels, some of them empty, with 12 channels 160. The noise of measured rows is known, with all that the model
-    leaves out, and told for each row. There a line stays where it takes more than
+    sidelobes add the first line is neither (docs/notes/measured.md counts them). The noise of measured rows is known,
+    with all that the model leaves out, and told for each row. There a line stays where it takes more than
     :func:`trainer.estimators.fitting.line_threshold` of that noise, and the two newest lines are searched anew as a
     pair beside the others.
-
-    :param stop: "noise" or "cfar"
     """
 
     def __init__(self, stop: Literal["noise", "cfar"] = "noise") -> None:
@@ -59,7 +62,6 @@ class OrthogonalMatchingPursuit:
     ) -> NDArray[np.float64]:
         """[R, U] lines with their magnitudes [sqrt(W)], each in its nearest bin of u [U].
 
-        :param snapshots: [R, C] [sqrt(W)]
         :param noise_power: [W]; 0 lets "noise" go on to rounding or the largest number of lines; one number for all
             rows is not used by "cfar"
         """
@@ -73,49 +75,38 @@ class OrthogonalMatchingPursuit:
         else:
             limits = [largest_share_of_noise(array, array.channels - k) for k in range(most)]
 
+        conjugate = array.manifold(axis).conj()
+        least_squares = bounded_amplitudes if self.stop == "cfar" else line_amplitudes
+
         def solve(x: NDArray[np.complex128], noise: NDArray[np.float64]) -> NDArray[np.float64]:
-            found, amplitude = self._lines(x, noise, array, axis, limits, known)
+            """A row leaves the loop when its stopping rule says so; amplitudes are 0 where there is no line."""
+            found = np.zeros((len(x), len(limits)))
+            amplitude = np.zeros(found.shape, dtype=np.complex128)
+            going, left = np.arange(len(x)), x
+            total = np.sum(np.abs(x) ** 2, axis=1)
+            for k, limit in enumerate(limits):
+                best = axis[np.argmax(np.abs(left @ conjugate), axis=1)]
+                lines = np.concatenate([found[going, :k], best[:, None]], axis=1)
+                if self.stop == "cfar":
+                    lines = refine_lines(x[going], lines, array)
+                if known and k:
+                    lines = _pair_anew(x[going], lines, array, axis)
+                amplitudes, after = least_squares(x[going], lines, array)
+                energy, remains = np.sum(np.abs(left) ** 2, axis=1), np.sum(np.abs(after) ** 2, axis=1)
+                goes_on = energy > ROUNDING * total[going]
+                if self.stop == "noise":
+                    goes_on &= energy > noise[going] * limit
+                elif known:
+                    goes_on &= energy - remains > noise[going] * limit
+                else:
+                    goes_on &= energy - remains > limit * energy
+                going, left = going[goes_on], after[goes_on]
+                found[going, : k + 1], amplitude[going, : k + 1] = lines[goes_on], amplitudes[goes_on]
+                if not len(going):
+                    break
             return draw_lines(found, np.abs(amplitude), array, u)
 
         return image_rows(snapshots, array, len(u), noise_power, solve)
-
-    def _lines(
-        self,
-        x: NDArray[np.complex128],
-        noise: NDArray[np.float64],
-        array: LineArray,
-        axis: NDArray[np.float64],
-        limits: list[float],
-        known: bool,
-    ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-        """(u [B, K], amplitudes [B, K], 0 for none); a row leaves the loop when its stopping rule says so."""
-        conjugate = array.manifold(axis).conj()
-        found = np.zeros((len(x), len(limits)))
-        amplitude = np.zeros(found.shape, dtype=np.complex128)
-        going, left = np.arange(len(x)), x
-        total = np.sum(np.abs(x) ** 2, axis=1)
-        least_squares = bounded_amplitudes if self.stop == "cfar" else line_amplitudes
-        for k, limit in enumerate(limits):
-            best = axis[np.argmax(np.abs(left @ conjugate), axis=1)]
-            lines = np.concatenate([found[going, :k], best[:, None]], axis=1)
-            if self.stop == "cfar":
-                lines = refine_lines(x[going], lines, array)
-            if known and k:
-                lines = _pair_anew(x[going], lines, array, axis)
-            amplitudes, after = least_squares(x[going], lines, array)
-            energy, remains = np.sum(np.abs(left) ** 2, axis=1), np.sum(np.abs(after) ** 2, axis=1)
-            goes_on = energy > ROUNDING * total[going]
-            if self.stop == "noise":
-                goes_on &= energy > noise[going] * limit
-            elif known:
-                goes_on &= energy - remains > noise[going] * limit
-            else:
-                goes_on &= energy - remains > limit * energy
-            going, left = going[goes_on], after[goes_on]
-            found[going, : k + 1], amplitude[going, : k + 1] = lines[goes_on], amplitudes[goes_on]
-            if not len(going):
-                break
-        return found, amplitude
 
 
 def _pair_anew(

@@ -35,6 +35,7 @@ from trainer.estimators.fitting import (
     hann_slope,
     whitening,
 )
+from trainer.estimators.lines import RIDGE
 
 CELLS = np.array([-1, 0, 1])
 GRID = np.linspace(-1.0, 1.0, 81)
@@ -43,8 +44,6 @@ FARTHEST = 0.75
 """Cells: a line farther away has its peak in a neighbour, and this cell tells nothing of it."""
 UNIFORM = float(np.sqrt(1.0 / 12.0))
 """Standard deviation of what may stand anywhere in a bin or a cell, of its width."""
-RIDGE = 1e-12
-"""On the diagonal of A^H A, of which two lines at one place have no inverse."""
 
 
 def velocity_offsets(

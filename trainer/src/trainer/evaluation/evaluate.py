@@ -20,12 +20,12 @@ from shared.dataset.locations import Location, folder_name, locate
 from shared.dataset.reading import radar_of
 from shared.dataset.writing import remove_partial, write_text
 from shared.physics.errors import InputError
-from shared.processes.declared import taking
-from shared.radar import Radar, validated
+from shared.processes.declared import common, taking
+from shared.radar import Radar
 from trainer.data.arrays import choose_array
 from trainer.defaults import DEFAULT_ARRAYS, NETWORKS
 from trainer.estimators.base import ESTIMATORS
-from trainer.evaluation.experiments.bench import Bench, EvaluationConfig, Experiment, Results
+from trainer.evaluation.experiments.bench import Bench, Experiment, Results
 from trainer.evaluation.experiments.contenders import check_methods, gather
 from trainer.evaluation.experiments.cylinders import PointSpread, Reflectors
 from trainer.evaluation.experiments.detection import Detection
@@ -38,7 +38,7 @@ from trainer.evaluation.experiments.noise_only import NoiseOnly
 from trainer.evaluation.experiments.resolution import Resolution
 from trainer.evaluation.experiments.robustness import Robustness
 from trainer.evaluation.experiments.street import Street
-from trainer.evaluation.options import EvaluateOptions
+from trainer.evaluation.options import EvaluateOptions, EvaluationConfig
 from trainer.evaluation.report.figures import save_figure
 from trainer.evaluation.report.page import ReportFigure, report_page
 from trainer.evaluation.report.tables import MetricRow, Numbers, metrics_table, summary, write_table
@@ -47,7 +47,6 @@ from trainer.evaluation.workers import Workers
 from trainer.run.answers import Answer, NetworkAnswer
 from trainer.run.folder import JOB, Fingerprint, output_folder, scene_records
 from trainer.run.imager import precision_remark
-from trainer.run.pretrained import pretrained_run
 
 RUNTIME, STREET = Runtime(), Street()
 """What is looked at whatever the experiments."""
@@ -77,9 +76,7 @@ def evaluate(asked: EvaluateOptions) -> pa.Table:
     :raises InputError: bad data, runs, names, or an experiment asked for that does not apply
     :raises TrainingStopped: three worker processes died of a cell
     """
-    fields = {name: value for name, value in vars(asked).items() if name in EvaluationConfig.model_fields}
-    fields["runs"] = (*asked.run, *map(pretrained_run, asked.pretrained))
-    config = validated(EvaluationConfig, fields, "trainer evaluate")
+    config = common(EvaluationConfig, asked)
     row = None
     if asked.measured is not None:
         row = read_measured(asked.measured, asked.targets, asked.range_m, asked.model_error)
@@ -224,7 +221,6 @@ def choose_experiments(
 
 
 def _introduction(bench: Bench, ran: str) -> str:
-    """:param ran: names of the experiments"""
     config = bench.config
     if not bench.frames:
         return f"No dataset; experiments: {ran}."

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from shared.physics.errors import InputError
-from shared.processes.declared import Option, either
+from shared.processes.declared import Option, Options, either
 from shared.processes.defaults import LARGEST_SEED
 from shared.processes.telling import TellingOptions
 from trainer.defaults import (
@@ -17,7 +17,7 @@ from trainer.defaults import (
     NETWORKS,
     OF_MEASURED_ROWS,
 )
-from trainer.run.pretrained import pretrained_names, require_run
+from trainer.run.pretrained import pretrained_names, pretrained_run, require_run
 
 if TYPE_CHECKING:
     from shared.dataset.locations import Location
@@ -29,14 +29,16 @@ def _names(text: str) -> tuple[str, ...]:
 
 # Not formatted: an option is read as a whole, in two or three lines.
 # fmt: off
-class EvaluateOptions(TellingOptions):
-    """Those named as a field of :class:`trainer.evaluation.experiments.bench.EvaluationConfig` state that field, which
-    has their limits."""
-
+class FolderOptions(Options):
     dataset: Annotated["Location | str | None", Option(
         "Folder of a dataset with a test split, also s3://, hf:// or https://; none for --measured alone.",
         typed=str, flag=None)] = field(default=None, kw_only=False)
     out: Annotated[Path, Option("Folder of the evaluation; new or empty.")]
+
+
+class EvaluationConfig(Options):
+    """Who is compared by what, and how much is computed."""
+
     run: Annotated["Sequence[Path | str]", Option(
         "Run folder of trainer fit; repeatable.", typed=list[Path], several=True)] = ()
     pretrained: Annotated["Sequence[str]", Option(
@@ -52,10 +54,26 @@ class EvaluateOptions(TellingOptions):
     experiments: Annotated["Sequence[str] | None", Option(
         f"Comma-separated: {', '.join(EXPERIMENT_NAMES)}. By default all that apply.", typed=str, read=_names,
         several=True)] = None
-    frames: Annotated[int, Option("Most test frames of each kind that are scored.")] = 50
-    shown: Annotated[int, Option("Frames to look at in the report.")] = 3
-    trials: Annotated[int, Option("Simulated trials of each condition.")] = 120
+    frames: Annotated[int, Option(
+        "Most test frames of each kind that are scored.", least=1, most=10**6)] = 50
+    shown: Annotated[int, Option("Frames to look at in the report.", least=1, most=1000)] = 3
+    trials: Annotated[int, Option("Simulated trials of each condition.", least=2, most=10**5)] = 120
     seed: Annotated[int, Option("Same seed, same numbers.", least=0, most=LARGEST_SEED)] = 0
+
+    @property
+    def runs(self) -> tuple[Path, ...]:
+        """Run folders of trainer fit, each evaluated on its own array."""
+        return (*map(Path, self.run), *map(pretrained_run, self.pretrained))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for run in self.run:
+            require_run(Path(run))
+
+
+class EvaluateOptions(TellingOptions, EvaluationConfig, FolderOptions):
+    """What is evaluated, and where."""
+
     measured: Annotated[Path | None, Option(
         "A measured snapshot of a half-wavelength line, .mat or .npy, or a cube of trainer import.")] = None
     targets: Annotated[int | None, Option("Targets in the measured row, where their number is known.")] = None
@@ -69,8 +87,6 @@ class EvaluateOptions(TellingOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for run in self.run:
-            require_run(Path(run))
         of_row = {"--targets": self.targets, "--range": self.range_m, "--model-error": self.model_error}
         for flag, value in of_row.items():
             if value is not None and self.measured is None:

@@ -14,12 +14,10 @@ from contextlib import ExitStack
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 
 import torch
 from threadpoolctl import threadpool_limits
 
-from shared.physics.errors import InputError
 from shared.processes.machine import may_start_processes, usable_cores
 from shared.processes.pool import WorkerPool
 from trainer.errors import TrainingStopped
@@ -36,10 +34,7 @@ Item = tuple[Experiment, int]
 
 
 class CellWork:
-    """What every worker is given once.
-
-    :param bench: what the cells are of
-    """
+    """What every worker is given once."""
 
     def __init__(self, bench: Bench) -> None:
         self._bench = bench
@@ -58,31 +53,20 @@ class CellWork:
         return dict(self._listed[1][place].compute())
 
 
-class Workers:
+class Workers(ExitStack):
     """Computes cells; a context, which ends its processes when it is left, whatever for.
 
     :param bench: what the cells are of; handed over as the first cell is asked for
     :param count: processes; 1 computes here, 0 takes one for each core, or 1 where this process may start no others
     :param folder: for the files that are handed over; it is made, and removed at the end
-    :raises InputError: a negative count
     """
 
     def __init__(self, bench: Bench, count: int, folder: Path) -> None:
-        if count < 0:
-            raise InputError("--workers", repr(count), "0 (one a core) or more")
+        super().__init__()
         self.count = count or (usable_cores() if may_start_processes() else 1)
         self.bench = bench
         self._folder = folder
         self._pool: WorkerPool[Item, Values] | None = None
-        self._context = ExitStack()
-
-    def __enter__(self) -> Workers:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._context.close()
 
     def results(
         self, experiment: Experiment, tasks: Sequence[Task], places: Sequence[int]
@@ -120,7 +104,7 @@ class Workers:
     def _started(self) -> WorkerPool[Item, Values]:
         if self._pool is None:
             work = CellWork(_without_gpu(self.bench))
-            self._pool = self._context.enter_context(WorkerPool[Item, Values](work, self.count, self._folder))
+            self._pool = self.enter_context(WorkerPool[Item, Values](work, self.count, self._folder))
         return self._pool
 
 

@@ -16,12 +16,7 @@ RESAMPLES = 2000
 
 @dataclass(frozen=True)
 class Interval:
-    """A value with its 95 % confidence interval.
-
-    :param value: the estimate
-    :param low: lower end
-    :param high: upper end
-    """
+    """A value with its 95 % confidence interval."""
 
     value: float
     low: float
@@ -44,8 +39,7 @@ def bootstrap_ratio(parts: NDArray[np.floating], wholes: NDArray[np.floating], s
 
     0 where the wholes add up to nothing.
 
-    :param parts: [n] e.g. true positives of each frame
-    :param wholes: [n] e.g. truths of each frame
+    :param parts, wholes: [n] of each frame, e.g. true positives and truths
     """
 
     def ratio(x: NDArray[np.float64], y: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:

@@ -27,13 +27,7 @@ D_MAX_BINS = (2, 4)
 
 @dataclass(frozen=True)
 class Counts:
-    """Counts of detections of an image.
-
-    :param tp: true positives
-    :param fp: false positives
-    :param fn: false negatives
-    :param tn: true negatives; 0 where the rule does not count them
-    """
+    """True and false positives and negatives of an image; no true negatives where the rule does not count them."""
 
     tp: int = 0
     fp: int = 0

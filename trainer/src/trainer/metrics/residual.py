@@ -33,7 +33,6 @@ REFINEMENTS = 4
 class Explanation:
     """Sums over the rows of an image that hold a snapshot.
 
-    :param rows: number of rows
     :param explained_rows: rows in which what is left is no more than noise
     :param lines: peaks tested: of a row at most half as many as channels, the strongest; least squares fits anything
     :param unsupported: peaks among them without which the fit is as good: hallucinations

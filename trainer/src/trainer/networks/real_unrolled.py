@@ -25,10 +25,7 @@ class Parts(NamedTuple):
 
 
 class RealUnrolledNetwork(nn.Module):
-    """The same answer, to rounding.
-
-    :param network: whose weights and tables are used
-    """
+    """The same answer as the network's whose weights and tables are used, to rounding."""
 
     def __init__(self, network: UnrolledNetwork) -> None:
         super().__init__()

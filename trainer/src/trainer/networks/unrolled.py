@@ -41,7 +41,7 @@ from shared.signal.adaptive import (
     view_table,
     virtual_view,
 )
-from trainer.networks.unets import LightUNet
+from trainer.networks.convolutional import LightUNet
 
 LAGS = (1, 2, 4, 8)
 """Distances of the products [angle bins]; a resolution cell of the full array has 10.75."""
@@ -67,9 +67,9 @@ IMAGES_AT_ONCE = 3
 class LearnedStep(nn.Module):
     """(beta, delta) [B, 2, R, U] of the state [B, STATE, R, U], row by row; zero before training."""
 
-    def __init__(self, width: int = STEP_WIDTH) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        padding = (0, KERNEL // 2)
+        padding, width = (0, KERNEL // 2), STEP_WIDTH
         self.first = nn.Conv2d(STATE, width, (1, KERNEL), padding=padding)
         self.second = nn.Conv2d(width, width, (1, KERNEL), padding=padding)
         self.last = nn.Conv2d(width, 2, 1)
@@ -109,7 +109,6 @@ class UnrolledNetwork(nn.Module):
     """Snapshots [B, 2 C + 1, R, 1] of :func:`shared.signal.features.snapshot_features` to [B, 1 or 2, R, U]: the
     compressed magnitude over the row's RMS, and the logit of a target.
 
-    :param radar: of the data
     :param channels: [C] indices of the radar's channels that the network sees
     :param window: of the truth's virtual sensor
     :param exponent: compression of the magnitude

@@ -12,27 +12,33 @@ import torch
 from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
+from shared.physics.units import db_to_power
 from shared.radar import Radar
 from shared.signal.adaptive import scanned_angles
-from shared.signal.ego_motion import EgoMotion, StaticWorld
+from shared.signal.ego_motion import EgoMotion, StaticWorld, estimated_motion
 from shared.signal.model_error import NO_MODEL_ERROR_DB, row_noise
 from shared.signal.tdm import averaged
 from trainer.data.arrays import ArrayChoice
 from trainer.data.measurements import Measurement
-from trainer.data.motion import seen_motion
 from trainer.estimators.adaptive import VirtualView
+from trainer.estimators.array import POINTS_PER_CELL, uniform_axis
 from trainer.estimators.base import ESTIMATORS, Estimator, LineArray, line_array
-from trainer.estimators.das import DelayAndSum
+from trainer.estimators.baselines import DelayAndSum
 from trainer.metrics.cells import CellScores, score_cells
 from trainer.run.folder import Run
 from trainer.run.imager import AMPLITUDE, UNITS, Imager, best_device
+
+CLEAR_DB = 20.0
+"""Of a cell's strongest angle over the noise there: its angle is then right to a tenth of a resolution cell."""
+MOST_DETECTIONS = 400
+"""The strongest, relative to the noise, that are asked for the velocity."""
 
 Images = tuple[NDArray[np.floating], NDArray[np.float32] | None]
 """([B, R, U] images, [B, R, U] probability of a target or None)."""
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class Circumstances:
     """What a method is told beside the channels.
 
     :param noise_power: of a channel and cell [W]
@@ -44,7 +50,7 @@ class Told:
     model_error_db: float = NO_MODEL_ERROR_DB
     world: StaticWorld | None = None
 
-    def __getitem__(self, rows: int | NDArray[np.bool_] | None) -> Told:
+    def __getitem__(self, rows: int | NDArray[np.bool_] | None) -> Circumstances:
         """Of some of the rows."""
         return self if self.world is None else replace(self, world=self.world[rows])
 
@@ -53,11 +59,9 @@ class Told:
 class Answer(ABC):
     """A method that images range-channel matrices of one radar.
 
-    :param name: of network or estimator
     :param array: the channels that it looks at, as output files name them
     :param channels: [C] those among the radar's
     :param radar: of the data, its grid that of the images
-    :param unit: of the images
     :param row_wise: an image row depends on nothing but that row's snapshot
     :param detects: it ranks its detections by more than their level
     """
@@ -76,7 +80,7 @@ class Answer(ABC):
         return line_array(self.radar, self.channels)
 
     @abstractmethod
-    def images(self, range_channel: NDArray[np.complexfloating], told: Told) -> Images:
+    def images(self, range_channel: NDArray[np.complexfloating], told: Circumstances) -> Images:
         """Of matrices [B, R, C] of all the radar's channels [sqrt(W)]."""
 
     @abstractmethod
@@ -87,30 +91,43 @@ class Answer(ABC):
         one of its range bin is computed once.
         """
 
-    @abstractmethod
     def baseline(self, measurement: Measurement) -> NDArray[np.floating]:
         """[R, U] delay-and-sum image of the same channels, the maximum over the peaks [sqrt(W)]."""
+        seen_by = self.array, self.channels, self.radar
+        plain = EstimatorAnswer("das", *seen_by, AMPLITUDE, row_wise=True, detects=False, estimator=DelayAndSum())
+        return np.asarray(plain.peaks(measurement)[0].max(axis=0))
 
     @property
     def uses_motion(self) -> bool:
         """Whether its images depend on the sensor's motion."""
         return False
 
-    def _told(self, measurement: Measurement) -> Told:
+    def _circumstances(self, measurement: Measurement) -> Circumstances:
         """What is known of the frame's rows [D, R]."""
         motion = measurement.motion
         world = None if motion is None else StaticWorld(motion, measurement.cells.velocity, self.radar)
-        return Told(measurement.noise_power, measurement.model_error_db, world)
+        return Circumstances(measurement.noise_power, measurement.model_error_db, world)
 
     def seen_motion(self, measurement: Measurement) -> EgoMotion | None:
-        """The sensor's motion as these channels see it in the frame, which seeds what is drawn."""
-        seen = measurement.cells
-        cells, velocity = seen.range_channel[seen.new][:, self.channels], seen.velocity[seen.new]
-        return seen_motion(cells, velocity, self.line, self.radar, measurement.noise_power, measurement.frame_id)
+        """The sensor's motion as these channels see it in the frame, which seeds what is drawn: the velocity that its
+        cells agree on, see :func:`shared.signal.ego_motion.estimated_motion`.
+
+        Each cell stands for one detection, at the strongest angle of delay-and-sum.
+        """
+        seen, line, noise_power = measurement.cells, self.line, measurement.noise_power
+        cells = np.asarray(seen.range_channel[seen.new][:, self.channels], dtype=np.complex128)
+        axis = uniform_axis(line, POINTS_PER_CELL)
+        magnitude = np.abs(cells @ line.manifold(axis).conj()) / line.channels
+        level = magnitude.max(axis=1)
+        clear = np.flatnonzero(level > np.sqrt(db_to_power(CLEAR_DB) * noise_power / line.channels))
+        strongest = clear[np.argsort(-level[clear], kind="stable")[:MOST_DETECTIONS]]
+        velocity_mps = np.asarray(seen.velocity[seen.new], dtype=np.float64)[strongest]
+        u = axis[magnitude[strongest].argmax(axis=1)]
+        return estimated_motion(u, velocity_mps, self.radar, measurement.frame_id)
 
     def image(self, range_channel: NDArray[np.complexfloating], noise_power: float) -> NDArray[np.float64]:
         """[R, U] of one matrix [R, C]."""
-        return np.asarray(self.images(range_channel[None], Told(noise_power))[0][0], dtype=np.float64)
+        return self.image_and_score(range_channel, noise_power)[0]
 
     def image_and_score(
         self, range_channel: NDArray[np.complexfloating], noise_power: float, world: StaticWorld | None = None
@@ -119,26 +136,20 @@ class Answer(ABC):
 
         Where a network says where targets are it is image times the root of that probability, elsewhere the image.
         """
-        told = Told(noise_power, world=None if world is None else world[None])
+        told = Circumstances(noise_power, world=None if world is None else world[None])
         images, probability = self.images(range_channel[None], told)
         score = images * np.sqrt(probability) if self.detects and probability is not None else images
         return np.asarray(images[0], dtype=np.float64), np.asarray(score[0], dtype=np.float64)
 
-    def image_rows(
+    def of_rows(
         self, range_channel: NDArray[np.complexfloating], noise_power: float, rows: NDArray[np.intp]
-    ) -> NDArray[np.float64]:
-        """[len(rows), U] rows of :meth:`image`; nothing else is computed where rows do not depend on each other."""
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """[len(rows), U] rows of :meth:`image_and_score`; where rows do not depend on each other nothing else is
+        computed."""
         if self.row_wise:
-            return self.image(range_channel[rows], noise_power)
-        return self.image(range_channel, noise_power)[rows]
-
-    def score_rows(
-        self, range_channel: NDArray[np.complexfloating], noise_power: float, rows: NDArray[np.intp]
-    ) -> NDArray[np.float64]:
-        """[len(rows), U] rows of the score of :meth:`image_and_score`."""
-        if self.detects:
-            return self.image_and_score(range_channel, noise_power)[1][rows]
-        return self.image_rows(range_channel, noise_power, rows)
+            return self.image_and_score(range_channel[rows], noise_power)
+        image, score = self.image_and_score(range_channel, noise_power)
+        return image[rows], score[rows]
 
     def scored(
         self,
@@ -175,14 +186,14 @@ class NetworkAnswer(Answer):
         return self.imager.config.told > 0
 
     def images(
-        self, range_channel: NDArray[np.complexfloating], told: Told, place: NDArray[np.intp] | None = None
+        self, range_channel: NDArray[np.complexfloating], told: Circumstances, place: NDArray[np.intp] | None = None
     ) -> Images:
         """See :meth:`Answer.images`.
 
         :param place: which rows stand where, see :func:`trainer.networks.unrolled.laid_out`
         """
         with torch.inference_mode():
-            snapshots = self._tensor(range_channel)
+            snapshots = torch.from_numpy(np.array(range_channel)).to(self.imager.weights.device)
             device = snapshots.device
             noise = torch.full((len(snapshots),), told.noise_power, dtype=torch.float64, device=device)
             prior = None
@@ -197,14 +208,9 @@ class NetworkAnswer(Answer):
         """A repeated peak has the strongest's row."""
         new = measurement.cells.new
         place = np.where(new, np.cumsum(new).reshape(new.shape) - 1, np.arange(new.shape[1]))
-        return self.images(measurement.cells.range_channel[new][None], self._told(measurement)[new][None], place)
-
-    def baseline(self, measurement: Measurement) -> NDArray[np.floating]:
-        with torch.inference_mode():
-            return np.asarray(self.imager.das(self._tensor(measurement.cells.range_channel)).cpu().numpy().max(axis=0))
-
-    def _tensor(self, range_channel: NDArray[np.complexfloating]) -> torch.Tensor:
-        return torch.from_numpy(np.array(range_channel)).to(self.imager.weights.device)
+        return self.images(
+            measurement.cells.range_channel[new][None], self._circumstances(measurement)[new][None], place
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,11 +223,11 @@ class EstimatorAnswer(Answer):
     def uses_motion(self) -> bool:
         return isinstance(self.estimator, VirtualView) and self.estimator.told
 
-    def images(self, range_channel: NDArray[np.complexfloating], told: Told) -> Images:
+    def images(self, range_channel: NDArray[np.complexfloating], told: Circumstances) -> Images:
         rows = [matrix[:, self.channels] for matrix in range_channel]
         return np.stack([self._rows(one, self.line, told[index]) for index, one in enumerate(rows)]), None
 
-    def _rows(self, rows: NDArray[np.complexfloating], line: LineArray, told: Told) -> NDArray[np.float64]:
+    def _rows(self, rows: NDArray[np.complexfloating], line: LineArray, told: Circumstances) -> NDArray[np.float64]:
         """[n, U] of rows [n, C]."""
         error_db, estimator, u = told.model_error_db, self.estimator, self.radar.grid.u
         noise = row_noise(rows, told.noise_power, error_db) if error_db > NO_MODEL_ERROR_DB else told.noise_power
@@ -231,17 +237,11 @@ class EstimatorAnswer(Answer):
 
     def peaks(self, measurement: Measurement) -> Images:
         """A repeated peak is zero; the maximum over the peaks is the same."""
-        return self._images(measurement).astype(np.float32), None
-
-    def baseline(self, measurement: Measurement) -> NDArray[np.floating]:
-        return np.asarray(replace(self, estimator=DelayAndSum())._images(measurement).max(axis=0))
-
-    def _images(self, measurement: Measurement) -> NDArray[np.float64]:
         new = measurement.cells.new
         rows, line = self._elements(np.asarray(measurement.cells.range_channel)[new])
-        images = np.zeros((*new.shape, self.radar.grid.bins))
-        images[new] = self._rows(rows, line, self._told(measurement)[new])
-        return images
+        images = np.zeros((*new.shape, self.radar.grid.bins), dtype=np.float32)
+        images[new] = self._rows(rows, line, self._circumstances(measurement)[new])
+        return images, None
 
     def _elements(self, rows: NDArray[np.complexfloating]) -> tuple[NDArray[np.complexfloating], LineArray]:
         """(rows [n, E] of the channels in use, their places); where elements coincide, one mean for each place.

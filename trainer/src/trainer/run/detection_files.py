@@ -6,6 +6,7 @@ import csv
 import io
 import math
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -47,12 +48,9 @@ def plain_array(values: NDArray, known: NDArray[np.bool_] | None = None) -> pa.A
     return pa.Array.from_buffers(kind, values.size, [valid, data])
 
 
-def _values(found: Detections) -> tuple[NDArray, ...]:
-    """In the order of :data:`UNITS`."""
-    return (
-        found.range_m, found.u, found.velocity, found.amplitude_db, found.u_std, found.probability,
-        found.range_std, found.velocity_std, found.moving, found.doppler_cell, found.snr_db,
-    )  # fmt: skip
+def _values(found: Detections) -> list[NDArray]:
+    """In the order of :data:`UNITS`, which is that of the fields."""
+    return [getattr(found, field.name) for field in fields(found)]
 
 
 def records(found: Detections) -> list[dict[str, float | None]]:
@@ -65,12 +63,12 @@ def records(found: Detections) -> list[dict[str, float | None]]:
 
 def column(found: Detections) -> pa.Array:
     """One frame's entry of the column ``detections``."""
-    fields = list(DETECTION)
+    named = list(DETECTION)
     filled = [
         plain_array(values.astype(field.type.to_pandas_dtype()), ~np.isnan(values) if field.nullable else None)
-        for field, values in zip(fields, _values(found), strict=True)
+        for field, values in zip(named, _values(found), strict=True)
     ]
-    rows = pa.StructArray.from_arrays(filled, fields=fields)
+    rows = pa.StructArray.from_arrays(filled, fields=named)
     return pa.ListArray.from_arrays(plain_array(np.array([0, len(found)], np.int32)), rows, type=COLUMN.type)
 
 

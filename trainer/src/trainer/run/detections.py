@@ -10,7 +10,7 @@ were chosen; as many are allowed to further lines in the groups that were heard.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +34,8 @@ from trainer.estimators.fitting import (
     score_peaks,
 )
 from trainer.estimators.velocities import UNIFORM, velocity_offsets
-from trainer.run.centres import Centres, heard_centres
 from trainer.run.false_alarms import first_line_threshold
-from trainer.run.targets_once import Beams, Lines
+from trainer.run.targets_once import Beams, Centres, Lines, heard_centres
 
 CANDIDATES = 6
 """Peaks of a row's score that its fit begins with: the fit adds what is missing and drops what is needless."""
@@ -72,9 +71,9 @@ LEAST_HEAD = 1e-4
 """Of h and of 1 - h: their logit stays finite, and heads of less do not differ."""
 MOST_MIGRATION = 2.0
 """Bins: an echo that migrates farther is no longer told by a mean place and a variance (step 8 of the fit)."""
-LEAST_BIN, LAST_BINS = 1.0, 1.5
-"""Nearer stands what leaks from the TX into the RX, at range zero, of any phase in each channel; and it shows in the
-last bins of an axis that holds all that was sampled, which comes round there."""
+LEAST_BIN, LAST_BINS = 1.0, 2.0
+"""Nearer stands what leaks from the TX into the RX, at range zero, of any phase in each channel. Where the axis
+comes round its main lobe reaches into the last two bins. Its sidelobes are explained as a target's are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,37 +156,35 @@ def find_detections(
         score *= np.sqrt(probability[centres.peak, centres.row])
     further = line_threshold(array, min(sought.false_alarms / max(len(centres), 1), FALSE_ALARM))
     test = GroupTest(sought.noise_power, sought.model_error_db, first, further)
-    found = _fitted(seen, straight, centres, score_peaks(score, axis, CANDIDATES), test, radar, array)
-    group, place = found.group, centres.row[found.group] + found.offset
-    lines = Lines(
-        group, found.energy, place, centres.cell[group], found.u, found.u_std, amplitude_to_db(found.amplitude), chirps
-    )
+    lines = _fitted(seen, straight, centres, score_peaks(score, axis, CANDIDATES), test, radar, array)
     near = SAME_ANGLE_CELLS * array.resolution_cell
-    kept = lines.once(np.flatnonzero(_shown(found, lines, centres, radar)), near)
+    kept = lines.once(np.flatnonzero(_shown(lines, centres, radar)), near)
     kept = lines.explained_by_none(kept, near, float(np.sqrt(least / array.channels)))
+    place = lines.place[kept]
+    kept = kept[(place >= LEAST_BIN) & (place <= radar.waveform.samples - LAST_BINS)]
     # What the waves of simulated data leave is no error of an element.
     error = max(model_error_ratio(sought.model_error_db) - model_error_ratio(MODEL_ERROR_DB), 0.0)
     kept = lines.no_ghosts(kept, array, -np.log(GHOST_PROBABILITY) * error * float(db_to_power(REPORTED_WITHIN_DB)))
     beams = Beams(snapshots * straight, np.where(seen.new, cells, np.iinfo(np.int64).max), range_m, array)
     kept = lines.no_sidebands(kept, beams, SIDEBANDS_DB + float(power_to_db(chirps)))
     # The cell that a line stands in; the centre's where that one is not known.
-    nearest = np.rint(place[kept]).astype(np.intp)
+    group, nearest = lines.group[kept], np.rint(lines.place[kept]).astype(np.intp)
     own = centres.holding(lines.cell[kept], nearest)
-    peaks = np.where(own >= 0, own, centres.peak[group[kept]])
-    rows = np.where(own >= 0, nearest, centres.row[group[kept]])
-    head = None if probability is None else _around(probability, peaks, rows, found.u[kept], axis)
-    snr_db = lines.level_db[kept] + power_to_db(array.channels / found.noise[kept])
+    peaks = np.where(own >= 0, own, centres.peak[group])
+    rows = np.where(own >= 0, nearest, centres.row[group])
+    head = None if probability is None else _around(probability, peaks, rows, lines.u[kept], axis)
+    snr_db = lines.level_db[kept] + power_to_db(array.channels / lines.noise[kept])
     centre_mps = np.asarray(velocity, dtype=np.float64)[peaks, rows]
-    offset_std = found.offset_std[kept]
+    offset_std = lines.offset_std[kept]
     return Detections(
-        range_m=place[kept] * radar.waveform.range_step_m,
-        u=found.u[kept],
-        velocity=centre_mps + found.shift[kept] * radar.waveform.velocity_step_mps,
+        range_m=lines.place[kept] * radar.waveform.range_step_m,
+        u=lines.u[kept],
+        velocity=centre_mps + lines.shift[kept] * radar.waveform.velocity_step_mps,
         amplitude_db=lines.level_db[kept],
-        u_std=found.u_std[kept],
+        u_std=lines.u_std[kept],
         probability=line_probability(snr_db, head),
         range_std=np.where(np.isnan(offset_std), UNIFORM, offset_std) * radar.waveform.range_step_m,
-        velocity_std=found.shift_std[kept] * radar.waveform.velocity_step_mps,
+        velocity_std=lines.shift_std[kept] * radar.waveform.velocity_step_mps,
         moving=np.full(len(kept), np.nan),
         doppler_cell=(lines.cell[kept] + chirps // 2) % chirps,
         snr_db=snr_db,
@@ -199,28 +196,6 @@ def _range_m(radar: Radar, bins: int) -> NDArray[np.float64]:
     return np.maximum(np.arange(bins), 1) * radar.waveform.range_step_m
 
 
-class _Fitted(NamedTuple):
-    """The N lines of all groups.
-
-    :param group: [N] index of the centre; :param energy: [N] of the group's cells, all channels' mean [W]
-    :param noise: [N] of one channel and cell, with the model error of the group's strongest cell [W]
-    :param u, offset: [N] angle, and range bins from the centre; :param u_std, offset_std: [N] their deviations
-    :param amplitude: [N] magnitude [sqrt(W)]
-    :param shift: [N] Doppler cells from the centre's; :param shift_std: [N] its deviation
-    """
-
-    group: NDArray[np.intp]
-    energy: NDArray[np.float64]
-    noise: NDArray[np.float64]
-    u: NDArray[np.float64]
-    offset: NDArray[np.float64]
-    amplitude: NDArray[np.float64]
-    u_std: NDArray[np.float64]
-    offset_std: NDArray[np.float64]
-    shift: NDArray[np.float64]
-    shift_std: NDArray[np.float64]
-
-
 def _fitted(
     seen: Cells,
     straight: NDArray[np.complex128],
@@ -229,15 +204,14 @@ def _fitted(
     test: GroupTest,
     radar: Radar,
     array: LineArray,
-) -> _Fitted:
+) -> Lines:
     """Lines of the group about each centre, those of equal groups together.
 
     :param straight: [R, C] what undoes the bend of wave fronts at each bin's range
     :param candidates: [n, P] angles that each fit begins with, NaN for none
     """
     waveform, range_m = radar.waveform, _range_m(radar, len(straight))
-    none = np.empty(0)
-    parts = [_Fitted(np.empty(0, dtype=np.intp), *[none] * (len(_Fitted._fields) - 1))]
+    parts: list[list[NDArray[Any]]] = [[np.empty(0, dtype=np.intp), *[np.empty(0)] * 9]]
     for peaks_at, members in centres.patterns():
         row, bins = centres.row[members], np.array(list(peaks_at))
         places = [(peaks_at[step], row + step) for step in peaks_at]
@@ -256,19 +230,22 @@ def _fitted(
             shift = velocity_offsets(np.stack([below, values, above]), bins, array, at, lines, test.noise_power)
         group, line = np.nonzero(np.abs(lines.amplitude) > 0.0)
         columns = (lines.u, lines.offset, np.abs(lines.amplitude), lines.u_std, lines.offset_std, *shift)
-        of_lines = (column[group, line] for column in columns)
-        parts.append(_Fitted(members[group], power.sum(axis=1)[group], noise[group], *of_lines))
-    return _Fitted(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+        u, offset, amplitude, *told = (column[group, line] for column in columns)
+        energy = power.sum(axis=1)[group]
+        parts.append([members[group], energy, noise[group], u, offset, amplitude_to_db(amplitude), *told])
+    group, energy, noise, u, offset, *rest = (np.concatenate(column) for column in zip(*parts, strict=True))
+    place = np.asarray(centres.row[group] + offset, dtype=np.float64)
+    around = waveform.samples if waveform.range_bins == waveform.samples else np.inf
+    return Lines(waveform.chirps, around, place, centres.cell[group], group, energy, noise, u, offset, *rest)
 
 
-def _shown(found: _Fitted, lines: Lines, centres: Centres, radar: Radar) -> NDArray[np.bool_]:
+def _shown(lines: Lines, centres: Centres, radar: Radar) -> NDArray[np.bool_]:
     """[N] whether a line lies in the field of view, is placed by its cells, and is nearest to its own centre."""
     axis, half_bin = radar.grid.u, 0.5 * radar.grid.step
-    in_view = (found.u >= axis[0] - half_bin) & (found.u <= axis[-1] + half_bin)
-    beyond = radar.waveform.samples - LAST_BINS
-    placed = ~(found.offset_std > PLACED_BINS) & (lines.place >= LEAST_BIN) & (lines.place <= beyond)
+    in_view = (lines.u >= axis[0] - half_bin) & (lines.u <= axis[-1] + half_bin)
+    placed = ~(lines.offset_std > PLACED_BINS)
     at_a_centre = centres.are_at(lines.cell, np.rint(lines.place).astype(np.intp))
-    return in_view & placed & (np.abs(found.offset) <= np.where(at_a_centre, OWN_BINS, REACH_BINS))
+    return in_view & placed & (np.abs(lines.offset) <= np.where(at_a_centre, OWN_BINS, REACH_BINS))
 
 
 def line_probability(snr_db: NDArray[np.float64], head: NDArray[np.floating] | None) -> NDArray[np.float64]:

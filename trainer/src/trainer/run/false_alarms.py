@@ -56,8 +56,9 @@ from trainer.estimators.fitting import hann_response, hann_slope, whitening
 
 LEAST, MOST = 1.0, 700.0
 """Levels between which the answer is sought."""
-LOWEST = np.arange(LEAST, 64.0)
-"""Levels from which on: below, where a lobe of the array is higher nearly always, the equation has few lines too."""
+LEVELS, VALID = np.arange(LEAST, 64.0), 0.8
+"""Of levels that of which the equation has most lines: below, where a lobe of the array is higher nearly always, it has
+few too. And the share of the most up to which it is taken."""
 REACH_BINS, OWN_BINS = 1.5, 0.5
 """Lines of a group stand within: where cells are chosen, and where every bin's only cell is fitted."""
 QUADRATURE = 16
@@ -130,9 +131,10 @@ def _threshold(
         maxima = maxima * np.interp(height, LOOKED_AT[: len(looks)], looks)
         return float(np.log(shape[0] * shape[1] * slope * (maxima @ share) / lines) - level)
 
-    begin = next((level for level in LOWEST if excess(level) > 0.0), None)
-    # Where more are asked for than the equation has at any level, the one at which it has most.
-    return float(max(LOWEST, key=excess) if begin is None else brentq(excess, begin, MOST))
+    # More than the equation has at any level: by exp(-t) from the level on at which it has VALID of its most.
+    most = max(LEVELS, key=excess)
+    held = min(excess(most) + float(np.log(VALID)), 0.0)
+    return max(float(brentq(lambda level: excess(level) - held, most, MOST)) + held, LEAST)
 
 
 @lru_cache(maxsize=8)

@@ -117,7 +117,6 @@ PACKAGES = ("sparseradar-trainer", "sparseradar-shared", "torch", "lightning", "
 class Fingerprint(BaseModel, frozen=True, extra="forbid"):
     """Which dataset a run has seen.
 
-    :param name: of its folder
     :param sha256: over the shards' own hashes
     :param frames: by split, those that a run trains and validates with, and all of the test split
     :param scenes: that the frames to train and to validate with are of; None where the dataset did not say
@@ -144,7 +143,6 @@ class Fingerprint(BaseModel, frozen=True, extra="forbid"):
 class Start(BaseModel, frozen=True, extra="forbid"):
     """Which weights a run began with, if not with random ones.
 
-    :param name: of the run's folder
     :param sha256: of its weights' file
     :param trained_on: datasets that these weights have seen
     """

@@ -28,8 +28,7 @@ from shared.signal.features import (
 )
 from shared.signal.model_error import NO_MODEL_ERROR_DB, model_error_ratio
 from trainer.data.arrays import ArrayChoice
-from trainer.networks.doa_cnn import LEAST_CHANNELS, DoaCnn
-from trainer.networks.unets import AttentionUNet, SpectralUNet
+from trainer.networks.convolutional import LEAST_CHANNELS, AttentionUNet, DoaCnn, SpectralUNet
 from trainer.networks.unrolled import UnrolledNetwork, laid_out
 from trainer.run.configuration import FitConfig
 
@@ -162,8 +161,6 @@ def lay_out(network: nn.Module, memory_format: torch.memory_format) -> None:
 class Imager(nn.Module):
     """A network with the features before it and the decoding behind it.
 
-    :param config: of the run
-    :param radar: of the data
     :param array: the channels that the network sees
 
     ``gain`` multiplies the image of a target that has amplitudes: what the validation frames say a network over- or

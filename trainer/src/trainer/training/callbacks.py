@@ -58,8 +58,6 @@ class RunKeeper(Callback):
     The best weights are those of the least loss of the validation frames. It weighs image and detections as training
     does; the normalised error of the linear image hangs on a few flashes, and stays where detections double.
 
-    :param directory: the run folder
-    :param announce: takes one line for each validation
     :ivar started: the first step is next
     """
 

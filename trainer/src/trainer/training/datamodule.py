@@ -17,7 +17,7 @@ from shared.dataset.reading import radar_of
 from shared.physics.errors import InputError
 from shared.processes.pool import end_with_parent
 from shared.signal.windows import ANGLE_WINDOWS
-from trainer.data.shards import ShardDataset
+from trainer.data.dataset import ShardDataset
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import Fingerprint, same_radar, scene_records
 from trainer.training.task import ImagingTask
@@ -33,7 +33,6 @@ class ImagingData(LightningDataModule):
     :param directories: of the datasets, local paths or URIs
     :param weights: share of each in the training batches; by default in proportion to their frames
     :param config: batch size, steps, seed, and how many frames of each dataset are looked at
-    :param workers: reading processes
     :param check: hash every shard first
     :raises InputError: a damaged shard by its path, datasets of different radars or truths, no training or
         validation frames
@@ -118,10 +117,7 @@ def _truth_window(datasets: Sequence[ShardDataset], folders: Sequence[Location])
 
 
 def _checked(directory: Location, check: bool) -> Dataset:
-    """The dataset, opened.
-
-    :param check: hash every shard
-    """
+    """The dataset, opened; with ``check`` every shard is hashed."""
     dataset = open_dataset(directory)
     if check and (faults := verify(dataset)):
         more = f" (and {len(faults) - 1} more faults)" if len(faults) > 1 else ""

@@ -28,11 +28,7 @@ VALIDATION_SAMPLES = 16
 
 
 class DoaSamples(Dataset[Batch]):
-    """Snapshots [1, R, C] and where their targets are [R, U], a function of the seed and the index alone.
-
-    :param size: number of samples
-    :param rows: R, snapshots of each
-    """
+    """Snapshots [1, R, C], R = ``rows``, and where their targets are [R, U]: a function of seed and index alone."""
 
     def __init__(self, radar: Radar, seed: int, size: int, rows: int) -> None:
         self.radar, self.seed, self.size, self.rows = radar, seed, size, rows

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from shared.radar import Radar
 from shared.signal.adaptive import scanned_angles
 from trainer.data.arrays import ArrayChoice
-from trainer.data.motion import known_world
-from trainer.data.shards import BatchOrder
+from trainer.data.dataset import BatchOrder
+from trainer.data.measurements import known_world
 from trainer.errors import TrainingStopped
 from trainer.metrics.image import nmse_best_scaled
 from trainer.run.configuration import FitConfig
@@ -128,7 +128,7 @@ class ImagingTask(LightningModule):
     ) -> BatchOrder:
         """Of this process, from the batch on that the restored module has not seen yet.
 
-        :param sizes, weights: see :class:`trainer.data.shards.BatchOrder`
+        :param sizes, weights: see :class:`trainer.data.dataset.BatchOrder`
         """
         config, world = self.config, self.trainer.world_size
         return BatchOrder(

@@ -6,9 +6,9 @@ Each method of :data:`NAMES` images the test split. Two numbers each:
 - NMSE = sum |estimate - truth|^2 / sum |truth|^2 of the linear image, the mean over frames. A network's image counts
   as it comes out, in sqrt(W) with the one gain that the validation frames gave the run; the others are helped by the
   best factor for each frame.
-- Average precision of the detections, all frames in one ranking (:mod:`trainer.metrics.cells`,
-  :mod:`trainer.metrics.ranking`). No threshold is chosen. All methods are asked for the cells that the network's
-  channels can see. The truth as an estimate of itself says what is possible.
+- Average precision of the detections, all frames in one ranking (:mod:`trainer.metrics.cells`). No
+  threshold is chosen. All methods are asked for the cells that the network's channels can see. The truth as an estimate
+  of itself says what is possible.
 
 And of the network less each other method the difference of both, with the interval that frames drawn again for the two
 together give.
@@ -29,13 +29,11 @@ from shared.dataset.locations import Location, folder_name, locate
 from shared.dataset.reading import radar_of
 from shared.dataset.writing import write_json
 from trainer.data.arrays import choose_array
-from trainer.data.motion import known_world
-from trainer.data.shards import ShardDataset
-from trainer.estimators.base import ESTIMATORS
+from trainer.data.dataset import ShardDataset
+from trainer.data.measurements import known_world
 from trainer.metrics.bootstrap import Interval, bootstrap_mean
-from trainer.metrics.cells import CellScores, score_cells
+from trainer.metrics.cells import CellScores, average_precision, pooled, score_cells
 from trainer.metrics.image import nmse, nmse_best_scaled
-from trainer.metrics.ranking import average_precision, pooled
 from trainer.run.answers import Answer, array_answer, network_answer
 from trainer.run.folder import Run, Validation, load_imager, read_run, read_validations, same_radar
 from trainer.run.imager import AMPLITUDE, PROBABILITY, Imager
@@ -75,7 +73,7 @@ NAMES = {
 run, or what its random weights make of it, which is near the untrained view and is not it.
 """
 BEGUN = (START, UNTRAINED)
-VIEWS = tuple(name for name in (VIEW, "likes-view") if name in ESTIMATORS)
+VIEWS = (VIEW, "likes-view")
 """Estimators of what the virtual sensor would see, the best last: that one is shown all channels."""
 
 

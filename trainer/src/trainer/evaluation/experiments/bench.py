@@ -3,26 +3,20 @@ table."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from pydantic import Field
 
 from shared.dataset.documents import digest
 from shared.dataset.locations import Location
-from shared.processes.defaults import LARGEST_SEED
 from shared.radar import Radar
-from shared.radar.validation import Described
 from trainer.data.arrays import ArrayChoice
-from trainer.defaults import DEFAULT_ARRAYS
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.options import EvaluateOptions
+from trainer.evaluation.options import EvaluationConfig
 from trainer.evaluation.report.tables import TRUTH, Condition, Numbers, SummaryColumn, condition_text
 from trainer.evaluation.store import Values
 from trainer.run.folder import SceneRecord
@@ -31,37 +25,9 @@ KEPT = 2
 """Frames or simulated scenes that an experiment holds while its contenders take turns."""
 
 
-class EvaluationConfig(Described):
-    """Who is compared by what, and how much is computed.
-
-    :param runs: run folders of trainer fit, each evaluated on its own array
-    :param methods: names of estimators, "cnn" and "unet" for the runs; None for those of
-        :func:`trainer.evaluation.experiments.contenders.gather`, of a measured row alone for all
-    :param arrays: see :func:`trainer.data.arrays.choose_array`
-    :param experiments: some of :data:`trainer.evaluation.evaluate.NAMES`; None for all that apply
-    :param frames: most frames of the test split that are scored, 50 as in the paper
-    :param shown: frames that the report shows
-    :param trials: simulated trials of each condition
-    :param seed: of trials, noise and bootstrap
-    """
-
-    runs: tuple[Path, ...] = ()
-    methods: tuple[str, ...] | None = None
-    arrays: tuple[str, ...] = DEFAULT_ARRAYS
-    experiments: tuple[str, ...] | None = None
-    frames: int = Field(default=EvaluateOptions.frames, ge=1, le=10**6)
-    shown: int = Field(default=EvaluateOptions.shown, ge=1, le=1000)
-    trials: int = Field(default=EvaluateOptions.trials, ge=2, le=10**5)
-    seed: int = Field(default=EvaluateOptions.seed, ge=0, le=LARGEST_SEED)
-
-
 @dataclass(frozen=True)
 class FrameRef:
-    """Where a frame stands, and what it is of.
-
-    :param path: of its shard
-    :param row: in the shard
-    """
+    """Where a frame stands, its shard and the row there, and what it is of."""
 
     path: Location
     row: int
@@ -110,7 +76,6 @@ class Task:
 
     :param key: contender's method, "truth" for what belongs to none, its array's name, and what was varied, as text
     :param inputs: fingerprint of what the cell depends on besides its names
-    :param compute: the work
     :param device: that the work needs, "cpu" or "cuda"
     """
 
@@ -127,12 +92,15 @@ Results = Mapping[tuple[str, str, str], Values]
 class Experiment:
     """One question, its cells, its numbers and its figure.
 
+    Every contender images the same scenes, simulated ones or frames: a cell is what one of them makes of one.
+
     :cvar name: as ``--experiments`` takes it
     :cvar cells: name under which its cells are kept, its own where empty; experiments that evaluate the same cells
         share it
     :cvar title: one line for report and help
     :cvar caption: below its figures
     :cvar summary: the columns that it has in the summary
+    :cvar metrics: what is counted, one figure for each trial of a scene, by its name in cells and table
     """
 
     name: str
@@ -140,50 +108,22 @@ class Experiment:
     title: str
     caption: str
     summary: tuple[SummaryColumn, ...] = ()
+    metrics: tuple[str, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
         """Why the experiment does not apply to what is given; None where it does."""
         return None
 
-    def tasks(self, bench: Bench) -> Sequence[Task]:
-        """The cells that the experiment needs, in an order that the bench alone decides; those that share a frame or a
-        simulated scene follow each other."""
-        return ()
-
-    def count(self, bench: Bench, results: Results, found: Numbers) -> None:
-        """Put the numbers into ``found``."""
-
-    def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
-        """The figures by the name of their files.
-
-        :param found: after :meth:`count`
-        """
-        return {}
-
-    def texts(self) -> dict[str, str]:
-        """What is written beside the figures, by the name of its file."""
-        return {}
-
-
-class SceneByScene(Experiment, ABC):
-    """Every contender on the same scenes, simulated ones or frames: a cell is what one of them makes of one scene.
-
-    :cvar metrics: what is counted, one figure for each trial of a scene, by its name in cells and table
-    """
-
-    metrics: tuple[str, ...] = ()
-
-    @abstractmethod
     def conditions(self, bench: Bench) -> Sequence[Condition]:
         """The scenes, by what tells them apart."""
+        return ()
 
-    @abstractmethod
     def scene(self, bench: Bench, place: int) -> Any:
         """The scene of a condition; it is kept while the contenders take turns."""
 
-    @abstractmethod
     def score(self, bench: Bench, contender: Contender, place: int, scene: Any) -> Values:
         """The cell of a contender, :attr:`metrics` among it."""
+        return {}
 
     def entrants(self, bench: Bench) -> tuple[Contender, ...]:
         """Who takes part."""
@@ -198,6 +138,8 @@ class SceneByScene(Experiment, ABC):
         return [bench.config.seed]
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
+        """The cells that the experiment needs, in an order that the bench alone decides; those that share a frame or a
+        simulated scene follow each other."""
         kept = lru_cache(maxsize=KEPT)(partial(self.scene, bench))
 
         def cell(score: Callable[[Any], Values], place: int) -> Values:
@@ -220,7 +162,7 @@ class SceneByScene(Experiment, ABC):
         return None
 
     def count(self, bench: Bench, results: Results, found: Numbers) -> None:
-        """Mean or share of each metric."""
+        """Put the numbers into ``found``: mean or share of each metric."""
         scenes = self.conditions(bench)
         for contender in self.entrants(bench):
             of_all = self.pooled(contender)
@@ -229,3 +171,14 @@ class SceneByScene(Experiment, ABC):
                 cells = [results[*contender.key, condition_text(scene)] for scene in members]
                 for metric in self.metrics:
                     found.mean(contender.key, metric, condition, np.hstack([cell[metric] for cell in cells]))
+
+    def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
+        """The figures by the name of their files.
+
+        :param found: after :meth:`count`
+        """
+        return {}
+
+    def texts(self) -> dict[str, str]:
+        """What is written beside the figures, by the name of its file."""
+        return {}

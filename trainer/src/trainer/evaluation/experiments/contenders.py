@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from shared.dataset.documents import digest
@@ -24,7 +23,7 @@ from trainer.estimators.fitting import fit_lines, score_peaks
 from trainer.run.answers import Answer, array_answer, network_answer
 from trainer.run.detections import CANDIDATES
 from trainer.run.folder import RUN_FILE, WEIGHTS, Fingerprint, Run, load_imager, same_radar
-from trainer.run.imager import Imager
+from trainer.run.imager import Imager, best_device
 
 FITTED = ("likes",)
 """Estimators whose peaks begin a fit of lines: what a network's detection head is worth beside a plain one."""
@@ -65,15 +64,12 @@ class Contender:
     def name(self) -> str:
         return " ".join(self.key)
 
-    def image_trials(self, trials: Trials) -> NDArray[np.float64]:
-        """[T, U] the image rows of all trials."""
+    def of_trials(self, trials: Trials) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """([T, U] the image rows of all trials, [T, U] those of their scores)."""
         noise = cell_noise_power(self.answer.radar)
-        return np.concatenate([self.answer.image_rows(matrix, noise, trials.rows) for matrix in trials.snapshots])
-
-    def score_trials(self, trials: Trials) -> NDArray[np.float64]:
-        """[T, U] the score's rows of all trials."""
-        noise = cell_noise_power(self.answer.radar)
-        return np.concatenate([self.answer.score_rows(matrix, noise, trials.rows) for matrix in trials.snapshots])
+        found = [self.answer.of_rows(matrix, noise, trials.rows) for matrix in trials.snapshots]
+        images, scores = (np.concatenate(part) for part in zip(*found, strict=True))
+        return images, scores
 
     def locate(self, trials: Trials) -> NDArray[np.float64]:
         """[T, K] angles of the K strongest lines of each trial, rising, NaN where there are fewer.
@@ -81,12 +77,10 @@ class Contender:
         The lines are fitted to the snapshots from the peaks of the score on; nobody tells their number.
         """
         answer, count = self.answer, trials.u.shape[1]
-        noise, found = cell_noise_power(answer.radar), []
-        for matrix in trials.snapshots:
-            candidates = score_peaks(answer.score_rows(matrix, noise, trials.rows), answer.radar.grid.u, CANDIDATES)
-            lines = fit_lines(matrix[trials.rows][:, answer.channels], answer.line, noise, candidates)
-            found.append(np.sort(lines.u[:, :count], axis=1))
-        return np.concatenate(found)
+        candidates = score_peaks(self.of_trials(trials)[1], answer.radar.grid.u, CANDIDATES)
+        x = np.concatenate(trials.snapshots[:, trials.rows])[:, answer.channels]
+        lines = fit_lines(x, answer.line, cell_noise_power(answer.radar), candidates)
+        return np.sort(lines.u[:, :count], axis=1)
 
 
 def check_methods(names: Sequence[str], known: Sequence[str] = (*ESTIMATORS, *NETWORKS)) -> None:
@@ -110,7 +104,6 @@ def gather(
     """The contenders, estimators first, each on all arrays, each run on its own, in the order of methods and arrays.
 
     :param methods: names of estimators, "cnn", "unet"; by default :data:`trainer.defaults.DEFAULT_METHODS` and all runs
-    :param runs: run folders
     :param source: of the radar, for messages
     :raises InputError: a method that does not exist, a run of another radar or of an array that is not evaluated, "cnn"
         or "unet" without such a run, a run that no method stands for
@@ -163,8 +156,7 @@ def estimator_contender(name: str, array: ArrayChoice, radar: Radar) -> Contende
 
 
 def _network(label: str, array: ArrayChoice, path: Path, run: Run, imager: Imager) -> Contender:
-    device = "cuda" if torch.cuda.is_available() else "cpu"
-    answer = replace(network_answer(run, imager.to(device)), array=array)
+    answer, device = replace(network_answer(run, imager), array=array), best_device()
     content = hashlib.sha256((path / RUN_FILE).read_bytes() + (path / WEIGHTS).read_bytes()).hexdigest()
     parameters = sum(parameter.numel() for parameter in imager.parameters())
     # A "cnn" images range bins one by one. It trains on its own samples and takes only the radar from its datasets.

@@ -10,7 +10,7 @@ full array, lambda / (span + spacing) = 0.041 in u.
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -21,7 +21,7 @@ from shared.radar import Radar
 from shared.signal import target_amplitudes
 from shared.signal.windows import cell_noise_power
 from trainer.data.simulation import close_up, in_plane, out_of_sight, resolution_cell, snapshot, truth_image
-from trainer.evaluation.experiments.bench import Bench, Results, SceneByScene
+from trainer.evaluation.experiments.bench import Bench, Experiment, Results
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.figures import image_panels
 from trainer.evaluation.report.page import REPORT_SPAN_DB, own_levels
@@ -44,7 +44,7 @@ MOST_REALISATIONS = 24
 """Each is a whole image for a network of whole images."""
 
 
-class Cylinders(SceneByScene):
+class Cylinders(Experiment, ABC):
     """What contenders image around the cylinders, beside what the virtual sensor sees of one of the scenes.
 
     :cvar of_all: the condition of the numbers, which are over all scenes
@@ -92,7 +92,8 @@ class Cylinders(SceneByScene):
     def score(self, bench: Bench, contender: Contender, place: int, scene: NDArray[np.complex64]) -> Values:
         """image [rows, U] of the range bins around the cylinders; the figures of :meth:`judged`."""
         rows, middle = close_up(bench.radar, RANGE_M)
-        image = contender.answer.image_rows(scene, cell_noise_power(bench.radar), rows).astype(np.float32)
+        seen, _ = contender.answer.of_rows(scene, cell_noise_power(bench.radar), rows)
+        image = seen.astype(np.float32)
         true = self.places(bench.radar, place)
         return {"image": image, **self.judged(bench.radar, true, image[middle].astype(np.float64))}
 

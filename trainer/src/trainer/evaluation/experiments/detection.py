@@ -13,8 +13,8 @@ from trainer.evaluation.experiments.bench import Bench, Results
 from trainer.evaluation.experiments.frames import RESIDUAL, FrameScores, OfFrames
 from trainer.evaluation.report.figures import TRUTH_COLOUR, Look, counted, label_ends, legend_below, panels
 from trainer.evaluation.report.tables import AVERAGE_PRECISION, TRUTH, Condition, Numbers, SummaryColumn
+from trainer.metrics.cells import average_precision
 from trainer.metrics.detection import D_MAX_BINS, PROMINENCES
-from trainer.metrics.ranking import average_precision
 
 DETECTION_PROBABILITY = "detection probability"
 OVER_NEXT = "average precision less that of the best other method"
@@ -42,7 +42,7 @@ def count_ranking(scores: FrameScores, key: tuple[str, str], condition: Conditio
 def count_gains(bench: Bench, scores: FrameScores, found: Numbers) -> None:
     """What each network's average precision has over the best of the other methods of its array, on the same frames.
 
-    Frames are drawn for both at once (:func:`trainer.metrics.ranking.average_precision`). The condition names the
+    Frames are drawn for both at once (:func:`trainer.metrics.cells.average_precision`). The condition names the
     other method.
     """
     for array in bench.arrays:

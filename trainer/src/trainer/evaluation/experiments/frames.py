@@ -17,13 +17,13 @@ from shared.dataset.folder import Dataset
 from shared.dataset.reading import read_frame
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
-from trainer.data.motion import known_world
-from trainer.evaluation.experiments.bench import KEPT, Bench, FrameRef, Results, SceneByScene
+from trainer.data.measurements import known_world
+from trainer.evaluation.experiments.bench import KEPT, Bench, Experiment, FrameRef, Results
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.page import scene_levels
 from trainer.evaluation.report.tables import Condition
 from trainer.evaluation.store import Values
-from trainer.metrics.cells import CellScores, score_cells
+from trainer.metrics.cells import CellScores, Ranking, pooled, score_cells
 from trainer.metrics.detection import (
     D_MAX_BINS,
     PROMINENCES,
@@ -33,7 +33,6 @@ from trainer.metrics.detection import (
     strict_counts,
 )
 from trainer.metrics.image import SPAN_DB, SSIM_WINDOW, nmse, nmse_best_scaled, ssim
-from trainer.metrics.ranking import Ranking, pooled
 from trainer.metrics.residual import explain
 from trainer.run.imager import AMPLITUDE
 
@@ -70,7 +69,7 @@ def one_of_each_scene(refs: Sequence[FrameRef], count: int) -> tuple[FrameRef, .
     return tuple(ref for _, ref in sorted(turns, key=lambda entry: entry[0])[:count])
 
 
-class FrameByFrame(SceneByScene):
+class FrameByFrame(Experiment):
     """An experiment whose scenes are frames of the test split."""
 
     def frames(self, bench: Bench) -> Sequence[FrameRef]:

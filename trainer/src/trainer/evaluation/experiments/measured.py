@@ -1,40 +1,130 @@
 """A measured row of channels, by all estimators and the networks that fit it. Nothing in it is simulated.
 
-A snapshot of a half-wavelength line is looked at whole and in parts, a cube at one range bin and as a picture. Every
-method lists its lines; what they leave of the row's power says whether they explain it.
+A snapshot of a half-wavelength line is looked at whole and in parts, a cube at one range bin and as a picture of what
+stands around it, seen from above. Every method lists its lines; what they leave of the row's power says whether they
+explain it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 from threadpoolctl import threadpool_limits
 
-from shared.physics.errors import InputError
+from shared.physics.errors import InputError, figure_text
 from shared.physics.units import power_to_db
+from shared.pictures import SPAN_DB, draw_from_above, level_db, range_weighted_db
 from shared.signal.model_error import row_noise
 from trainer.estimators.array import draw_lines
-from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS, Estimator, LineArray
+from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS, LineArray
+from trainer.estimators.baselines import Music
 from trainer.estimators.fitting import fit_lines, score_peaks
 from trainer.estimators.lines import line_amplitudes
 from trainer.estimators.ml import MaximumLikelihood
-from trainer.estimators.music import Music
 from trainer.evaluation.experiments.bench import Bench, Experiment, Results
 from trainer.evaluation.experiments.contenders import kind_of
-from trainer.evaluation.experiments.measured_figures import cartesian_figure, cut_figure
 from trainer.evaluation.experiments.measured_input import MeasuredInput, snapshot_radar
+from trainer.evaluation.report.figures import Look, colour_bar, legend_below, panels
 from trainer.evaluation.report.tables import Numbers
 from trainer.evaluation.store import Values
 from trainer.metrics.bootstrap import Interval
-from trainer.run.answers import NetworkAnswer, Told, estimator_answer, network_answer
+from trainer.run.answers import Circumstances, NetworkAnswer, estimator_answer, network_answer
 from trainer.run.detections import CANDIDATES
 from trainer.run.folder import RUN_FILE, load_imager
 from trainer.run.other_radars import fitted_imager
+
+COLUMNS = 3
+SHOWN_DEG = 15.0
+"""On either side of the strongest line, in the cuts of a snapshot."""
+FARTHEST = 2.0
+"""Of the range of the row: as far as the picture reaches."""
+DRAWN_BINS = (3, 3)
+"""Range bins and angles over which every level is drawn: a line of one pixel could not be seen."""
+PANEL_INCHES = 3.4
+"""Width of a panel of the picture from above."""
+
+
+def cut_figure(
+    measured: MeasuredInput,
+    title: str,
+    spectra: Mapping[tuple[str, str], Values],
+    reference: NDArray[np.float64],
+    notes: Mapping[str, str],
+) -> Figure:
+    """Levels over azimuth of all methods, a panel for each array; left of the radar on the left.
+
+    :param spectra: "u" and "spectrum" by (method, array)
+    :param reference: angles to be drawn [deg]
+    :param notes: beside an array's name
+    """
+    look = Look(spectra)
+    columns = min(COLUMNS, len(look.arrays))
+    where = "" if measured.radar is None else f", {measured.row * measured.radar.waveform.range_step_m:.2f} m"
+    title = f"{title}: {figure_text(measured.path.name)}{where}"
+    lines = -(-len(look.arrays) // columns)
+    size = max(4.6 * columns, 7.0), 3.3 * lines + 1.1
+    figure, axes = panels(lines, columns, size, title, len(look.arrays), sharex=True, sharey=True)
+    for axis, array in zip(axes.ravel(), look.arrays, strict=False):
+        for (method, of_array), values in spectra.items():
+            if of_array == array:
+                spectrum = values["spectrum"].astype(np.float64)
+                degrees = np.rad2deg(np.arcsin(values["u"]))
+                axis.plot(degrees, level_db(spectrum, float(spectrum.max())), color=look.colour(method), lw=1.1)
+        for angle in reference:
+            axis.axvline(angle, color="grey", lw=0.8, ls=":")
+        name = figure_text(array)
+        axis.set(title=f"{name}: {notes[array]}" if array in notes else name, ylim=(-SPAN_DB, 1.0))
+        axis.set(xlabel="azimuth [deg]", xlim=_limits(measured, reference))
+        axis.grid(alpha=0.25)
+        axis.tick_params(labelbottom=True)
+    for axis in axes[:, 0]:
+        axis.set_ylabel("level [dB]")
+    legend_below(figure, look.method_handles())
+    return figure
+
+
+def cartesian_figure(measured: MeasuredInput, images: Mapping[tuple[str, str], Values]) -> Figure:
+    """Range-angle images of a cube's strongest Doppler peaks seen from above: y to the left, x ahead [m].
+
+    Levels of amplitude times range, below each image's maximum.
+
+    :param images: "image" [R, U] and "u" by (method, array)
+    """
+    assert measured.radar is not None
+    waveform = measured.radar.waveform
+    columns = min(COLUMNS, math.ceil(math.sqrt(len(images))))
+    bins = min(max(int(FARTHEST * measured.row), 16), waveform.range_bins)
+    # A panel is as high as the range and as wide as twice the largest y.
+    widest = 2.0 * max(float(np.abs(values["u"]).max()) for values in images.values())
+    lines = -(-len(images) // columns)
+    size = PANEL_INCHES * columns + 1.4, (PANEL_INCHES / widest + 0.5) * lines + 0.8
+    title = f"Seen from above: {figure_text(measured.path.name)}"
+    figure, axes = panels(lines, columns, size, title, len(images), sharex=True, sharey=True)
+    for axis, ((method, array), values) in zip(axes.ravel(), images.items(), strict=False):
+        levels = maximum_filter(range_weighted_db(values["image"])[:bins], DRAWN_BINS)
+        draw_from_above(axis, levels, waveform.range_step_m, values["u"])
+        axis.set_title(figure_text(f"{method}, {array}"))
+    for axis in axes[-1]:
+        axis.set_xlabel("y, to the left [m]")
+    for axis in axes[:, 0]:
+        axis.set_ylabel("x, ahead [m]")
+    colour_bar(figure, axes)
+    return figure
+
+
+def _limits(measured: MeasuredInput, reference: NDArray[np.float64]) -> tuple[float, float]:
+    """Azimuths from left to right [deg]: all of a cube's, those around the reference of a snapshot, or all."""
+    if measured.radar is None and len(reference):
+        middle = float(np.mean(reference))
+        return middle + SHOWN_DEG, middle - SHOWN_DEG
+    return float(np.rad2deg(np.arcsin(measured.u[-1]))), float(np.rad2deg(np.arcsin(measured.u[0])))
+
 
 LINES = "lines.md"
 """File of the lines of all methods."""
@@ -55,7 +145,6 @@ WITHIN = f"within {FOUND_WITHIN_DEG:g} deg"
 class Measured(Experiment):
     """The row by every method on every one of its element sets, and by the networks that fit it; of a cube a picture.
 
-    :param measured: the row
     :param methods: some of :data:`METHODS`; all where empty
     :param networks: with the name that tables have for them, see :func:`fitting_networks`
     """
@@ -123,7 +212,7 @@ class Measured(Experiment):
             noise = np.maximum(row_noise(x, frame.noise_power, frame.model_error_db), left)
             for method in methods or METHODS:
                 if _applies(method, measured, elements):
-                    image = _estimator(method, measured.targets).image(x, line, measured.u, noise)
+                    image = _imaging(method, measured.targets)(x, line, measured.u, noise)
                     self._spectra[method, name] = _judged(measured, elements, measured.u, image[0])
         if measured.radar is not None:
             unused = tuple(np.flatnonzero(measured.element < 0).tolist())
@@ -134,7 +223,7 @@ class Measured(Experiment):
                     self._pictures[key] = {"image": images[0], "u": measured.radar.grid.u}
         for name, answer in self._networks:
             key, u = (name, answer.array.name), answer.radar.grid.u
-            images, _ = answer.images(frame.cells.range_channel, Told(frame.noise_power, frame.model_error_db))
+            images, _ = answer.images(frame.cells.range_channel, Circumstances(frame.noise_power, frame.model_error_db))
             if measured.radar is not None:
                 self._pictures[key] = {"image": images[0], "u": u}
             spectrum = images[0, measured.row].astype(np.float64)
@@ -211,29 +300,24 @@ def _applies(method: str, measured: MeasuredInput, elements: NDArray[np.intp]) -
     return method != "ml" or measured.targets is not None
 
 
-def _estimator(method: str, targets: int | None) -> Estimator:
+def _imaging(method: str, targets: int | None) -> Callable[..., NDArray[np.float64]]:
+    """What makes [1, U] of one row, a line, angles [U] and the row's noise."""
+    if method == LINE_FIT:
+        return _fitted_lines
     if method == "ml" and targets is not None:
-        return MaximumLikelihood(targets)
+        return MaximumLikelihood(targets).image
     # AIC knows white noise alone: it counts errors of calibration as targets where it is not told their number.
-    made: dict[str, Callable[[], Estimator]] = {**ESTIMATORS, LINE_FIT: LineFit}
-    made["music-fbss"] = lambda: Music("forward-backward", targets)
-    return made[method]()
+    return Music("forward-backward", targets).image if method == "music-fbss" else ESTIMATORS[method]().image
 
 
-class LineFit:
-    """The lines of :func:`trainer.estimators.fitting.fit_lines` from the peaks of LIKES on."""
-
-    name = LINE_FIT
-
-    def image(
-        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: object
-    ) -> NDArray[np.float64]:
-        """[1, U] lines of one row; its noise is all noise that the fit is told."""
-        noise = np.broadcast_to(np.asarray(noise_power, dtype=np.float64), 1)
-        candidates = score_peaks(ESTIMATORS["likes"]().image(snapshots, array, u, noise), u, CANDIDATES)
-        lines = fit_lines(snapshots, array, float(noise[0]), candidates, -np.inf)
-        angles = np.where(np.isfinite(lines.u), lines.u, 0.0)
-        return draw_lines(angles, np.abs(lines.amplitude), array, u)
+def _fitted_lines(
+    row: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The lines of :func:`trainer.estimators.fitting.fit_lines` from the peaks of LIKES on; they are told all noise."""
+    candidates = score_peaks(ESTIMATORS["likes"]().image(row, array, u, noise_power), u, CANDIDATES)
+    lines = fit_lines(row, array, float(noise_power[0]), candidates, -np.inf)
+    angles = np.where(np.isfinite(lines.u), lines.u, 0.0)
+    return draw_lines(angles, np.abs(lines.amplitude), array, u)
 
 
 def _judged(

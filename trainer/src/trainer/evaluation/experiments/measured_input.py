@@ -40,7 +40,6 @@ AXIS_STEP = 5e-4
 class MeasuredInput:
     """One row of channels, and how it is to be judged.
 
-    :param path: of its file
     :param snapshot: [C] the channels
     :param positions_m: [C] y_tx + y_rx
     :param u: [U] angles scanned

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shared.physics.errors import figure_text
 from shared.signal.windows import cell_noise_power
 from trainer.data.simulation import snapshot
-from trainer.evaluation.experiments.bench import Bench, Results, SceneByScene
+from trainer.evaluation.experiments.bench import Bench, Experiment, Results
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.figures import Look, draw_bar, panels
 from trainer.evaluation.report.tables import Condition, Numbers, SummaryColumn
@@ -26,7 +26,7 @@ HALF = 0.5
 METRIC = "false alarms a noise-only frame"
 
 
-class NoiseOnly(SceneByScene):
+class NoiseOnly(Experiment):
     """Is anything invented?"""
 
     name = "noise-only"

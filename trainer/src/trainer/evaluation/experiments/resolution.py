@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from shared.physics.errors import figure_text
-from trainer.data.simulation import Condition, Trials, no_room, simulate
+from trainer.data.simulation import TrialCondition, Trials, no_room, simulate
 from trainer.estimators.ml import MaximumLikelihood
-from trainer.evaluation.experiments.bench import Bench, Results, SceneByScene
+from trainer.evaluation.experiments.bench import Bench, Experiment, Results
 from trainer.evaluation.experiments.contenders import Contender, estimator_contender
 from trainer.evaluation.report.figures import Look, legend_below, panels
 from trainer.evaluation.report.tables import PROBABILITY_OF_RESOLUTION, Numbers, SummaryColumn, condition_text
@@ -32,15 +32,15 @@ SHOWN_SNR_DB = 20.0
 PHASE_GROUPS_DEG = ((0, 60), (60, 120), (120, 180))
 """Of the second target against the first at the middle of the array, without sign."""
 
-PAIRS = tuple(Condition(*values) for values in product(SEPARATIONS, SNRS_DB, RATIOS_DB))
-SINGLES = tuple(Condition(0.0, snr) for snr in SINGLE_SNRS_DB)
+PAIRS = tuple(TrialCondition(*values) for values in product(SEPARATIONS, SNRS_DB, RATIOS_DB))
+SINGLES = tuple(TrialCondition(0.0, snr) for snr in SINGLE_SNRS_DB)
 CEILING = "ml"
 LINES = ", lines"
 """After the name of a method whose peaks begin a fit of lines."""
 ERROR_OVER_BOUND = "RMSE over bound"
 
 
-class Resolution(SceneByScene):
+class Resolution(Experiment):
     """How close may two targets be, and how well is one placed?"""
 
     name = "resolution"
@@ -55,8 +55,8 @@ class Resolution(SceneByScene):
         "noise."
     )
     summary = (  # of pairs of equal targets
-        SummaryColumn("P(resolve) 1 RL", PROBABILITY_OF_RESOLUTION, Condition(1.0, SHOWN_SNR_DB).named),
-        SummaryColumn("0.5 RL", PROBABILITY_OF_RESOLUTION, Condition(0.5, SHOWN_SNR_DB).named),
+        SummaryColumn("P(resolve) 1 RL", PROBABILITY_OF_RESOLUTION, TrialCondition(1.0, SHOWN_SNR_DB).named),
+        SummaryColumn("0.5 RL", PROBABILITY_OF_RESOLUTION, TrialCondition(0.5, SHOWN_SNR_DB).named),
     )
 
     def obstacle(self, bench: Bench) -> str | None:
@@ -112,7 +112,7 @@ class Resolution(SceneByScene):
                 "color": "black" if ceiling else look.colour(contender.method), "marker": "o", "ms": 3.5,
                 "lw": 1.3 if ceiling else look.weight(contender.method), "ls": "--" if ceiling else "-",
             }  # fmt: skip
-            pairs = [Condition(separation, SHOWN_SNR_DB).named for separation in SEPARATIONS]
+            pairs = [TrialCondition(separation, SHOWN_SNR_DB).named for separation in SEPARATIONS]
             axes[0, column].plot(SEPARATIONS, found.values(contender.key, PROBABILITY_OF_RESOLUTION, pairs), **style)
             singles = [single.named for single in SINGLES]
             axes[1, column].plot(SINGLE_SNRS_DB, found.values(contender.key, ERROR_OVER_BOUND, singles), **style)
@@ -143,8 +143,8 @@ def locate_targets(contender: Contender, trials: Trials) -> Values:
     elif contender.method.endswith(LINES):
         found = contender.locate(trials)
     elif targets == 1:
-        spreads = [point_spread(image, u) for image in contender.image_trials(trials)]
+        spreads = [point_spread(image, u) for image in contender.of_trials(trials)[0]]
         found = np.array([[math.nan if spread is None else spread.u] for spread in spreads])
     else:
-        found = strongest_peaks(contender.score_trials(trials), u, targets)
+        found = strongest_peaks(contender.of_trials(trials)[1], u, targets)
     return {"found": found, "u": trials.u, "phase_rad": trials.phase_rad}

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from shared.radar.arrays import AntennaArray
 from trainer.data.arrays import ArrayChoice
-from trainer.data.simulation import Condition, Trials, no_room, resolution_cell, simulate, trial_rows
-from trainer.evaluation.experiments.bench import Bench, Results, SceneByScene
+from trainer.data.simulation import TrialCondition, Trials, no_room, resolution_cell, simulate, trial_rows
+from trainer.evaluation.experiments.bench import Bench, Experiment, Results
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.figures import Look, legend_below, panels
 from trainer.evaluation.report.tables import PROBABILITY_OF_RESOLUTION, Numbers
@@ -91,7 +91,7 @@ def channel_factors(
     return factors
 
 
-class Robustness(SceneByScene):
+class Robustness(Experiment):
     """Who depends on a calibrated sensor?"""
 
     name = "robustness"
@@ -115,7 +115,7 @@ class Robustness(SceneByScene):
     def scene(self, bench: Bench, place: int) -> list[Trials]:
         """Images, each of as many trials as it has room for; the same targets and noise whatever the impairment."""
         impairment, radar, seed = impairments()[place], bench.radar, bench.config.seed
-        condition = Condition(SEPARATION_CELLS, impairment.size if impairment.kind == "SNR" else SNR_DB)
+        condition = TrialCondition(SEPARATION_CELLS, impairment.size if impairment.kind == "SNR" else SNR_DB)
         count = len(trial_rows(radar))
         images = []
         for image in range(-(-bench.config.trials // count)):
@@ -136,7 +136,7 @@ class Robustness(SceneByScene):
             # The range bins between two pairs have the sensor of the nearer pair.
             nearest = np.abs(np.arange(radar.waveform.range_bins)[:, None] - rows).argmin(axis=1)
             seen = replace(trials, snapshots=(trials.snapshots * np.stack(drawn)[nearest]).astype(np.complex64))
-            images = contender.image_trials(seen)
+            images = contender.of_trials(seen)[0]
             both.append(resolved(strongest_peaks(images, radar.grid.u, 2), trials.u))
             extra.append(false_peaks(images, radar.grid.u, trials.u, reach))
         return {METRICS[0]: np.concatenate(both), METRICS[1]: np.concatenate(extra)}

@@ -14,7 +14,7 @@ from shared.dataset.reading import open_shard, read_frame
 from shared.physics.errors import figure_text
 from shared.pictures import SPAN_DB, level_db, range_weighted
 from shared.radar import Radar
-from trainer.data.motion import known_world
+from trainer.data.measurements import known_world
 from trainer.evaluation.experiments.bench import Bench, FrameRef, Results
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import FrameByFrame, one_of_each_scene, true_magnitude

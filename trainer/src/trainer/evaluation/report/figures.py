@@ -24,20 +24,9 @@ from shared.radar import Radar
 from trainer.evaluation.report.tables import MetricRow
 
 COLOURS = (
-    "#0072b2",
-    "#d55e00",
-    "#009e73",
-    "#cc79a7",
-    "#e69f00",
-    "#56b4e9",
-    "#7f5539",
-    "#6a4c93",
-    "#444444",
-    "#b8b042",
-    "#88ccaa",
-    "#aa4466",
-    "#cc2222",
-)
+    "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f5539", "#6a4c93", "#444444", "#b8b042",
+    "#88ccaa", "#aa4466", "#cc2222",
+)  # fmt: skip
 """Told apart by most colour-blind readers (Okabe and Ito, 2008), and some more."""
 LINES = ("-", "--", ":", "-.")
 MARKERS = ("o", "s", "^", "D")

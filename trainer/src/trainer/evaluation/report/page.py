@@ -139,12 +139,7 @@ class ReportFrame:
 
 @dataclass(frozen=True)
 class ReportFigure:
-    """One picture.
-
-    :param title: above it
-    :param caption: below it, plain text
-    :param png: its file
-    """
+    """One picture, between its title and its caption in plain text."""
 
     title: str
     caption: str

@@ -40,8 +40,7 @@ class MetricRow:
 
     :param condition: what the number belongs to; empty for all that the experiment looked at
     :param value: NaN where the metric is not defined
-    :param low: lower end of the 95 % interval
-    :param high: upper end
+    :param low, high: ends of the 95 % interval
     :param samples: what the value is a mean of: frames, trials or angles
     """
 

@@ -1,4 +1,5 @@
-"""Networks of images, [B, inputs, R, U] to [B, outputs, R, U]: U-Nets, any R.
+"""Convolutional networks: U-Nets of images, [B, inputs, R, U] to [B, outputs, R, U], any R; and the paper's network of
+one range bin.
 
 A light U-Net says what neighbouring range bins know of each other. The spectral one has dense mixing along angle in
 front of it, one range bin at a time: the ambiguities of a thinned array are not local, an alias stands anywhere in the
@@ -9,6 +10,11 @@ spectrum, both only correct it.
 The attention U-Net is the paper's: Ronneberger 2015 with the gates of Oktay 2018 on its skip connections, four levels
 of ``width`` 1, 2, 4, 8 (64, 128, 256, 512 in the paper). All parameters exist from construction and all are used: the
 published code creates its gates at the first forward pass, after the optimiser, so that they never train.
+
+The direction-of-arrival network that the paper compares with (Papageorgiou, Sellathurai, Eldar: Deep networks for
+direction-of-arrival estimation in low SNR, IEEE TSP 2021) has four convolutions of 256 filters over the covariance
+matrix, the first with stride 2, then dense layers of 4096, 2048 and 1024 units with dropout, and one output for every
+angle of the grid. One range bin at a time, nothing beside it.
 """
 
 from __future__ import annotations
@@ -124,9 +130,7 @@ class AngularMixing(nn.Module):
 class SpectralUNet(nn.Module):
     """Angular mixing and a light U-Net, [B, inputs, R, U] to [B, outputs, R, U]; any R, a fixed U.
 
-    :param inputs: feature channels
     :param outputs: 1 for regression, 2 for the two-class softmax (logits)
-    :param bins: U, angle bins
     :param width: channels of the U-Net's first level, doubled at each of the two others
     :param hidden: units of the mixing
     :param start: the input channel that is an estimate already, to which the network's answer is added; None if none is
@@ -184,7 +188,6 @@ class AttentionGate(nn.Module):
 class AttentionUNet(nn.Module):
     """Attention U-Net, [B, inputs, R, U] to [B, outputs, R, U]; any R and U.
 
-    :param inputs: feature channels
     :param outputs: 1 for regression, 2 for the two-class softmax (logits)
     :param width: channels of the first level, 64 in the paper
     """
@@ -219,3 +222,41 @@ class AttentionUNet(nn.Module):
             image = up(image)
             image = decode(torch.cat([gate(image, skips.pop()), image], dim=1))
         return crop_like(self.head(image), features)
+
+
+FILTERS = 256
+DENSE = (16, 8, 4)
+"""Units of the dense layers in multiples of the filters."""
+DROPOUT = 0.3
+LEAST_CHANNELS = 9
+"""What four convolutions leave a value of."""
+
+
+class DoaCnn(nn.Module):
+    """[B, 3, R, C * C] covariances (:func:`shared.signal.features.covariance_channels`) to [B, 1, R, U] logits.
+
+    :param channels: C of the array, at least :data:`LEAST_CHANNELS`
+    :param width: filters of each convolution, 256 in the paper; the dense layers scale with it
+    """
+
+    def __init__(self, channels: int, bins: int, width: int = FILTERS) -> None:
+        super().__init__()
+        self.channels, self.bins = channels, bins
+        layers: list[nn.Module] = []
+        for inputs, size, stride in ((3, 3, 2), (width, 2, 1), (width, 2, 1), (width, 2, 1)):
+            layers += [nn.Conv2d(inputs, width, size, stride), nn.BatchNorm2d(width), nn.ReLU()]
+        self.convolutions = nn.Sequential(*layers)
+        side = (channels - 3) // 2 + 1 - 3
+        units = [max(side, 1) ** 2 * width, *(width * multiple for multiple in DENSE)]
+        dense: list[nn.Module] = []
+        for before, after in pairwise(units):
+            dense += [nn.Linear(before, after), nn.ReLU(), nn.Dropout(DROPOUT)]
+        self.dense = nn.Sequential(*dense, nn.Linear(units[-1], bins))
+
+    def forward(
+        self, features: Float[torch.Tensor, "batch 3 rows {self.channels**2}"]
+    ) -> Float[torch.Tensor, "batch 1 rows {self.bins}"]:
+        batch, planes, rows, _ = features.shape
+        matrix = features.permute(0, 2, 1, 3).reshape(batch * rows, planes, self.channels, self.channels)
+        answer = self.dense(self.convolutions(matrix).flatten(1))  # (B R, U)
+        return answer.reshape(batch, 1, rows, -1)
