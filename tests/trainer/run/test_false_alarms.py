@@ -12,6 +12,7 @@ from scipy.stats import ncx2
 
 from shared.radar import Radar, load_radar
 from shared.radar.arrays import AntennaArray
+from shared.signal import if_signal
 from trainer.data.cfar import CELL_FALSE_ALARM, cfar_thresholds
 from trainer.data.measurements import Cells
 from trainer.estimators.array import LineArray, uniform_axis
@@ -156,13 +157,6 @@ def test_an_array_of_few_unequal_elements_has_a_level_too() -> None:
     assert (steps > 0.0).all()
 
 
-def test_an_array_that_tells_no_angle_has_no_lobes_wherever_it_stands() -> None:
-    """Rounding made some: one RX off the middle had a level that is no number."""
-    for place in (0.0, 1e-3, -7.3e-3):
-        array = LineArray(np.full(3, place), RADAR.waveform.wavelength_m)
-        assert len(false_alarms._lobes(array)) == 0
-
-
 @pytest.mark.parametrize("name", ["mmwcas-azimuth", "mmwcas"])
 def test_intervals_among_which_a_cell_chooses_are_counted(name: str) -> None:
     """2.2 to 2.5 lines of a frame of noise were listed, where 1 was asked for."""
@@ -180,19 +174,22 @@ def test_intervals_among_which_a_cell_chooses_are_counted(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("chirps", "rx", "least"), [(1, 1, 0.7), (64, 1, 0.7), (64, 3, 0.3)], ids=["one chirp", "one element", "vertical"]
+    ("chirps", "rx", "left_m", "least"),
+    [(1, 1, 0.0, 0.7), (64, 1, 0.0, 0.7), (64, 3, 0.0, 0.3), (64, 1, 7e-3, 0.7), (64, 3, 7e-3, 0.3)],
+    ids=["one chirp", "one element", "vertical", "one aside", "vertical aside"],
 )
 def test_of_noise_an_array_that_tells_no_angle_lists_about_what_is_asked_for(
-    chirps: int, rx: int, least: float
+    chirps: int, rx: int, left_m: float, least: float
 ) -> None:
-    """30 frames of 100 bins; a single RX listed 91 lines a frame, whatever was asked for.
+    """30 frames of 100 bins; a single RX listed 91 lines a frame, whatever was asked for. Beside the origin it had no
+    threshold, and lines of no place.
 
     Of three RX above each other one is the azimuth line. A Doppler cell beside that of a line is chosen in its place
     more often than the count says, which takes them for independent.
     """
     waveform = RADAR.waveform.model_copy(update={"chirps": chirps, "samples": 128, "range_bins": 100})
     here = (0.0, 0.0, 0.0)
-    array = AntennaArray(tx_m=(here,), rx_m=tuple((0.0, 0.0, 2e-3 * place) for place in range(rx)))
+    array = AntennaArray(tx_m=(here,), rx_m=tuple((0.0, left_m, 2e-3 * place) for place in range(rx)))
     radar = Radar(waveform=waveform, array=array)
     draw, frames = np.random.default_rng(2), 30
     white = draw.standard_normal((frames, chirps, 128, rx, 2)) @ [1.0, 1j] * np.sqrt(0.5 * radar.sample_noise_power_w)
@@ -204,6 +201,12 @@ def test_of_noise_an_array_that_tells_no_angle_lists_about_what_is_asked_for(
         assert all((points.u == 0.0).all() and (points.u_std == 1.0).all() for points in found)
         # A single chirp tells no velocity.
         assert all((np.isnan(points.moving) == (chirps == 1)).all() for points in found)
+    target = if_signal(
+        radar, np.array([[30.0 * waveform.range_step_m, 0.0, 0.0]]), np.zeros((1, 3)), np.full(1, 1e-3 + 0j)
+    )
+    points = predictor.cube(target + white[0]).points
+    assert points is not None
+    assert points.range_m[0] == pytest.approx(30.0 * waveform.range_step_m, abs=0.02)
 
 
 def test_noise_of_near_bins_is_removed_though_wave_fronts_are_curved_there() -> None:

@@ -143,6 +143,8 @@ def find_detections(
     expected = (*np.shape(snapshots)[:2], radar.grid.bins)
     if np.shape(image) != expected or np.shape(velocity) != expected[:2]:
         raise InputError("detections", f"an image {np.shape(image)}, velocities {np.shape(velocity)}", f"{expected}")
+    if array.tells_no_angle:  # where it stands beside the origin would look like an angle
+        array = replace(array, positions_m=np.zeros(array.channels))
     axis, chirps = radar.grid.u, radar.waveform.chirps
     cells = np.rint(np.asarray(velocity, dtype=np.float64) / radar.waveform.velocity_step_mps).astype(np.int64)
     range_m = _range_m(radar, len(cells[0]))

@@ -176,9 +176,7 @@ def _group(r: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.floa
 
 
 def _lobes(array: LineArray) -> NDArray[np.float64]:
-    """[n] |rho| of the array's lobes but the main one; none of an array that is alike at all angles."""
-    if array.tells_no_angle:
-        return np.empty(0)
+    """[n] |rho| of the array's lobes but the main one."""
     pattern = np.abs(array.manifold(uniform_axis(array, LOBE_POINTS)).mean(axis=0))
     peak = (pattern > np.roll(pattern, 1)) & (pattern >= np.roll(pattern, -1))
     peak[pattern.argmax()] = False
