@@ -101,7 +101,7 @@ def read_cfg(path: Path) -> ChirpProfile:
     profile, frame = _numbers(path, lines, "profileCfg", 11), _numbers(path, lines, "frameCfg", 3)
     channel = _numbers(path, lines, "channelCfg", 2)
     adc = _numbers(path, lines, "adcCfg", 2) if "adcCfg" in lines else [2.0, 1.0]
-    tx = _senders(path, lines, int(frame[0]), int(frame[1]))
+    tx = _senders(path, lines, profile[0], frame)
     try:
         return ChirpProfile(
             start_frequency_hz=profile[1] * 1e9,
@@ -154,17 +154,21 @@ def _as_numbers(path: Path, command: str, words: list[str], count: int) -> list[
     return numbers
 
 
-def _senders(path: Path, lines: dict[str, list[list[str]]], first: int, last: int) -> tuple[int, ...]:
-    """The TX that chirps ``first`` to ``last`` are sent by, one after the other."""
+def _senders(path: Path, lines: dict[str, list[list[str]]], profile: float, frame: list[float]) -> tuple[int, ...]:
+    """The TX that the chirps of a frame are sent by, one after the other.
+
+    :param profile: number of the one that there is
+    """
+    first, last = int(frame[0]), int(frame[1])
     masks: dict[int, int] = {}
     for words in lines.get("chirpCfg", []):
         numbers = _as_numbers(path, "chirpCfg", words, 8)
         begin, end = int(numbers[0]), int(numbers[1])
         if not 0 <= begin <= end < 512:
             raise InputError(path, f"chirpCfg {begin} {end}", "chirps from 0 to 511, rising")
-        if any(numbers[3:7]):
-            given = " ".join(words)
-            raise InputError(path, f"chirpCfg {given}", "variations of 0: chirps that differ are not supported")
+        if numbers[2] != profile or any(numbers[3:7]):
+            given, expected = " ".join(words), f"profile {profile:g} and variations of 0: chirps that are alike"
+            raise InputError(path, f"chirpCfg {given}", expected)
         masks.update(dict.fromkeys(range(begin, end + 1), int(numbers[7])))
     if not 0 <= first <= last < 512 or not set(range(first, last + 1)) <= masks.keys():
         raise InputError(path, f"frameCfg {first} {last}", "chirps that a chirpCfg describes")
