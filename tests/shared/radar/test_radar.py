@@ -186,6 +186,13 @@ def test_a_target_on_the_left_leads_the_channels_in_the_order_of_their_numbers()
     np.testing.assert_allclose(steps, np.pi * np.sin(0.1) * radar.waveform.mid_sweep_hz / 77e9, rtol=0.01)
 
 
+def test_the_azimuth_line_is_that_of_most_channels_where_tx_stand_above_rx() -> None:
+    """Two TX 10 mm above four RX, and a third 2 mm higher still, whose channels see the elevation too."""
+    tx = ((0.0, 0.0, 0.01), (0.0, 0.004, 0.012), (0.0, 0.008, 0.01))
+    array = AntennaArray(tx_m=tx, rx_m=tuple((0.0, 0.002 * number, 0.0) for number in range(4)))
+    assert array.channel_tx[array.azimuth_channels].tolist() == [0, 2] * 4
+
+
 @pytest.mark.parametrize(("tx", "interval_s", "tx_m"), [("", 134e-6, (0.0, 0.004)), ("tx = [2]", 67e-6, (0.004,))])
 def test_the_tx_of_an_own_array_take_the_turns_of_its_capture(tmp_path: Path, tx: str, interval_s: float, tx_m) -> None:
     """Worked out by hand: 7 us idle and a ramp of 60 us for each TX, where the default radar has three."""

@@ -105,8 +105,8 @@ def measure(
     cube = at("cube", kernels.cube, by_kernel, recording, 1)
     noise = generator(frame.seed, "noise") if processing.noise else None
     recorded = at("receiver", received, cube.astype(np.complex64, copy=False), radar, noise)
-    white = radar.sample_noise_power_w + recorded.conversion_w
-    noise_power = power_in_cell(white, radar.waveform) if processing.noise else 0.0
+    white = (radar.sample_noise_power_w if processing.noise else 0.0) + recorded.conversion_w
+    noise_power = power_in_cell(white, radar.waveform)
     spectra = at("range-Doppler", range_doppler, recorded.cube, radar)
     selection = at("Doppler choice", select_doppler, spectra, noise_power, processing.peaks)
     selection = at("velocity interval", unfold, selection, radar)

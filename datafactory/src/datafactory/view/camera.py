@@ -280,13 +280,15 @@ def seen(dataset: Dataset, frame: Frame, cameras: Cameras | None) -> Picture | N
 
 
 def write_cameras(dataset: Dataset, cameras: Cameras) -> Iterator[Location]:
-    """Write the camera pictures of all scene frames that have none yet, one after the other."""
+    """Write the camera pictures of scene frames that have none yet; those of all, one after the other."""
     make_folder(dataset.path / CAMERA)
     for split in dataset.splits:
         for frame in dataset.frames(split, columns=()):
-            path, subject = camera_path(dataset.path, frame.frame_id), cameras.subject(frame)
-            if subject is None or file_size(path) is not None:
-                continue
-            with atomic(path) as partial:
-                imsave(partial, camera_picture(subject), format="png", metadata={"Software": ""})
+            path = camera_path(dataset.path, frame.frame_id)
+            if file_size(path) is None:  # asked first: a subject opens its scene
+                subject = cameras.subject(frame)
+                if subject is None:
+                    continue
+                with atomic(path) as partial:
+                    imsave(partial, camera_picture(subject), format="png", metadata={"Software": ""})
             yield path

@@ -92,13 +92,18 @@ class AntennaArray(Told, BaseModel, frozen=True, extra="forbid"):
 
     @property
     def azimuth_channels(self) -> Int[np.ndarray, " kept"]:
-        """Indices of the channels whose TX and RX stand at the height of the RX, in channel order: the azimuth line.
+        """Indices of the channels at one height, in channel order: the azimuth line.
 
-        A channel of an elevated TX sees the elevation of an echo too. All channels where none is on the line.
+        It is the height of most of them: a row of TX may stand above that of the RX. Of equal rows it is the one
+        nearest to TX and RX at the RX's height. A channel of an elevated TX sees the elevation of an echo too.
         """
-        height = np.abs(self.virtual[:, 2] - 2.0 * self.rx[:, 2].mean())
-        on_line = np.flatnonzero(height < LEVEL_M)
-        return on_line if len(on_line) else np.arange(self.channels)
+        height = self.virtual[:, 2]
+        rising = np.argsort(height, kind="stable")
+        row = np.empty(self.channels, dtype=np.intp)
+        row[rising] = np.cumsum(np.diff(height[rising], prepend=height[rising[0]]) > LEVEL_M)
+        members = np.bincount(row)
+        away = np.abs(np.bincount(row, height) / members - 2.0 * self.rx[:, 2].mean())
+        return np.flatnonzero(row == np.lexsort((away, -members))[0])
 
     def unique_elements(
         self, wavelength_m: float
