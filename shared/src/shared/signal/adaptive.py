@@ -85,12 +85,14 @@ class AdaptiveTables(NamedTuple):
     :param phases: [2, L, N] cosine and sine of k u l, l the distance
     :param pair: [C * C] which distance p_c - p_d has, row by row
     :param sign: [C * C] of p_c - p_d; 0 for elements at one place
+    :param sums: [C * C, L] 1 for the pairs of each distance: their sums as a matrix product
     """
 
     matched: Complex[Array, "channels angles"]
     phases: Float[Array, "2 distances angles"]
     pair: Int[Array, " pairs"]
     sign: Float[Array, " pairs"]
+    sums: Float[Array, "pairs distances"]
 
 
 def scanned_angles(radar: Radar) -> Float64[np.ndarray, " angles"]:
@@ -119,8 +121,13 @@ def line_tables(
     rounded = np.round(difference, DISTANCE_DIGITS)
     _, first, pair = np.unique(np.abs(rounded), return_index=True, return_inverse=True)
     phase = 2.0 * np.pi * np.outer(np.round(np.abs(difference[first]), digits), u)
-    matched = manifold(positions_m, wavelength_m, u).conj()
-    return AdaptiveTables(matched, np.stack([np.cos(phase), np.sin(phase)]), pair.reshape(-1), np.sign(rounded))
+    return AdaptiveTables(
+        matched=manifold(positions_m, wavelength_m, u).conj(),
+        phases=np.stack([np.cos(phase), np.sin(phase)]),
+        pair=pair.reshape(-1),
+        sign=np.sign(rounded),
+        sums=np.equal.outer(pair.reshape(-1), np.arange(len(phase))).astype(np.float64),
+    )
 
 
 def adaptive_tables(radar: Radar, channels: Int[np.ndarray, " channels"]) -> AdaptiveTables:
@@ -137,6 +144,7 @@ def adaptive_tables(radar: Radar, channels: Int[np.ndarray, " channels"]) -> Ada
         found.phases.astype(np.float32),
         found.pair.astype(np.int64),
         found.sign.astype(np.float32),
+        found.sums.astype(np.float32),
     )
 
 
@@ -182,9 +190,7 @@ def adaptive_forms(
     filtered = (inverse @ snapshot[:, :, None])[:, :, 0] @ tables.matched
     # a^H M a = sum_l (Re m_l cos(k u l) - Im m_l sin(k u l)), m_l the sum of M_cd over p_c - p_d = +-l.
     flat = inverse.reshape(-1, channels * channels)
-    # [C * C, L]: sums over the pairs of one distance as a matrix product.
-    sums = xp.asarray(tables.pair[:, None] == xp.arange(len(cosine), device=snapshot.device), dtype=cosine.dtype)
-    form = (flat.real @ sums) @ cosine - ((flat.imag * tables.sign) @ sums) @ sine
+    form = (flat.real @ tables.sums) @ cosine - ((flat.imag * tables.sign) @ tables.sums) @ sine
     # It is at least C / trace(R). A smaller value comes from rounding.
     return filtered, xp.maximum(form, (1.0 / (total + white))[:, None])
 

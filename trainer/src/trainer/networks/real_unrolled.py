@@ -34,9 +34,6 @@ class RealUnrolledNetwork(nn.Module):
             table = network.get_buffer(name)
             self.register_buffer(f"{name}_real", table.real.contiguous(), persistent=False)
             self.register_buffer(f"{name}_imaginary", table.imag.contiguous(), persistent=False)
-        pair, phases = network.get_buffer("pair"), network.get_buffer("phases")
-        sums = (pair[:, None] == torch.arange(phases.shape[1])).to(phases.dtype)
-        self.register_buffer("sums", sums, persistent=False)
 
     def forward(
         self, snapshots: Float[torch.Tensor, "batch planes rows 1"]
@@ -65,7 +62,7 @@ class RealUnrolledNetwork(nn.Module):
         """(q, s) [B, N], as :func:`shared.signal.adaptive.adaptive_forms` has them."""
         phases, pair = self.network.get_buffer("phases"), self.network.get_buffer("pair")
         cosine, sine = phases[0], phases[1]
-        sign, sums = self.network.get_buffer("sign"), self.get_buffer("sums")
+        sign, sums = self.network.get_buffer("sign"), self.network.get_buffer("sums")
         channels = snapshot.real.shape[1]
         square = (-1, channels, channels)
         even = (power @ cosine.T)[:, pair].reshape(square)

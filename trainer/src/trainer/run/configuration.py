@@ -6,9 +6,10 @@ the physics).
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Iterable
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, BeforeValidator, Field, FiniteFloat, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, FiniteFloat, model_validator
 
 from shared.processes.defaults import LARGEST_SEED
 from shared.radar.front_end import PhaseNoise
@@ -17,6 +18,12 @@ from shared.signal.windows import ANGLE_WINDOWS
 from trainer.defaults import Features, Model, Precision, Target
 
 Share = Annotated[FiniteFloat, Field(ge=0, le=1)]
+
+
+def first_difference(one: BaseModel, other: BaseModel, names: Iterable[str]) -> tuple[str, Any, Any] | None:
+    """(name, one's value, the other's) of the first of these fields that is not the same; None where all are."""
+    values = ((name, getattr(one, name), getattr(other, name)) for name in names)
+    return next((entry for entry in values if entry[1] != entry[2]), None)
 
 
 def _rising(ends: tuple[float, float]) -> tuple[float, float]:

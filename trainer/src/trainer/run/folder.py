@@ -37,7 +37,7 @@ from shared.dataset.writing import write_bytes, write_json
 from shared.physics.errors import InputError, Told
 from shared.radar import Radar, validated
 from trainer.data.arrays import ArrayChoice
-from trainer.run.configuration import FitConfig
+from trainer.run.configuration import FitConfig, first_difference
 from trainer.run.imager import Imager, lay_out
 
 JOB = ".job"
@@ -314,12 +314,9 @@ def same_radar(one: Radar, one_source: str, other: Radar, other_source: str) -> 
     :raises InputError: the first field that differs, with both values and where they come from
     """
     for part in ("array", "grid", "waveform"):
-        first, second = getattr(one, part), getattr(other, part)
-        for name in type(first).model_fields:
-            values = getattr(first, name), getattr(second, name)
-            if values[0] != values[1]:
-                shown = [f"{len(v)} positions {v[0]} to {v[-1]}" if isinstance(v, tuple) else f"{v}" for v in values]
-                raise InputError(
-                    other_source, f"radar {other.name!r}, {part}.{name} = {shown[1]}",
-                    f"{shown[0]}, as radar {one.name!r} of {one_source} has it",
-                )  # fmt: skip
+        first = getattr(one, part)
+        if differing := first_difference(first, getattr(other, part), type(first).model_fields):
+            name, *values = differing
+            shown = [f"{len(v)} positions {v[0]} to {v[-1]}" if isinstance(v, tuple) else f"{v}" for v in values]
+            problem = f"radar {other.name!r}, {part}.{name} = {shown[1]}"
+            raise InputError(other_source, problem, f"{shown[0]}, as radar {one.name!r} of {one_source} has it")

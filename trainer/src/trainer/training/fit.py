@@ -21,7 +21,7 @@ from shared.physics.errors import InputError
 from shared.processes.declared import taking
 from trainer.data.arrays import choose_array
 from trainer.errors import TrainingStopped, out_of_memory
-from trainer.run.configuration import FitConfig
+from trainer.run.configuration import FitConfig, first_difference
 from trainer.run.folder import (
     CHECKPOINT,
     JOB,
@@ -217,8 +217,7 @@ def _same(out: Path, part: str, before: object, now: object) -> None:
     if before == now:
         return
     if isinstance(before, FitConfig) and isinstance(now, FitConfig):
-        name = next(name for name in FitConfig.model_fields if getattr(before, name) != getattr(now, name))
-        part, before, now = name, getattr(before, name), getattr(now, name)
+        part, before, now = first_difference(before, now, FitConfig.model_fields) or (part, before, now)
     raise InputError("--resume", f"{part} is {now}, but the run in {out} had {before}", "what it was started with")
 
 

@@ -14,7 +14,7 @@ import torch
 from shared.physics.errors import InputError, meant
 from shared.radar import Radar, read_toml, validated
 from trainer.data.arrays import ArrayChoice
-from trainer.run.configuration import USED_WITH, FitConfig
+from trainer.run.configuration import USED_WITH, FitConfig, first_difference
 from trainer.run.folder import Run, load_imager, read_run
 from trainer.run.imager import Imager, has_bfloat16, lay_out
 from trainer.run.pretrained import pretrained_names, pretrained_run
@@ -111,14 +111,13 @@ def shipped_start(config: FitConfig, radar: Radar, array: ArrayChoice) -> tuple[
 
 def _misfit(run: Run, config: FitConfig, radar: Radar) -> str:
     """What of a shipped run is not as in this one; "" if its weights fit."""
-    for name in (*NETWORK_FIELDS, "truth_window"):
-        theirs, asked = getattr(run.config, name), getattr(config, name)
-        if theirs != asked and config.uses(name):
-            return f"{name} = {theirs!r}, not {asked!r}"
+    if differing := first_difference(run.config, config, filter(config.uses, (*NETWORK_FIELDS, "truth_window"))):
+        name, theirs, asked = differing
+        return f"{name} = {theirs!r}, not {asked!r}"
     if run.radar.grid != radar.grid:
         return "another angle grid"
-    theirs, own = (one.virtual_sensor.virtual / one.waveform.wavelength_m for one in (run.radar, radar))
-    if theirs.shape != own.shape or np.abs(theirs - own).max() > SAME_PLACES:
+    there, own = (one.virtual_sensor.virtual / one.waveform.wavelength_m for one in (run.radar, radar))
+    if there.shape != own.shape or np.abs(there - own).max() > SAME_PLACES:
         return "another virtual sensor"
     return ""
 
@@ -137,11 +136,9 @@ def begin_with(imager: Imager, config: FitConfig, start: Path) -> float:
     :raises InputError: no whole run, or another network
     """
     run, trained = load_imager(start)
-    for name in NETWORK_FIELDS:
-        if getattr(run.config, name) != getattr(config, name) and config.uses(name):
-            raise InputError(
-                "--from", f"{start} has {name} = {getattr(run.config, name)!r}", f"{getattr(config, name)!r}"
-            )
+    if differing := first_difference(run.config, config, filter(config.uses, NETWORK_FIELDS)):
+        name, theirs, asked = differing
+        raise InputError("--from", f"{start} has {name} = {theirs!r}", f"{asked!r}")
     try:
         # Only a prior's weights can be in one network and not in the other: they stay zeros, or nothing asks for them.
         imager.network.load_state_dict(trained.network.state_dict(), strict=False)
