@@ -85,6 +85,7 @@ class AdaptiveTables(NamedTuple):
     :param phases: [2, L, N] cosine and sine of k u l, l the distance
     :param pair: [C * C] which distance p_c - p_d has, row by row
     :param sign: [C * C] of p_c - p_d; 0 for elements at one place
+    :param entry: [C * C] where R_cd stands among r(l), their conjugates and r(0) + sigma^2
     :param sums: [C * C, L] 1 for the pairs of each distance: their sums as a matrix product
     """
 
@@ -92,6 +93,7 @@ class AdaptiveTables(NamedTuple):
     phases: Float[Array, "2 distances angles"]
     pair: Int[Array, " pairs"]
     sign: Float[Array, " pairs"]
+    entry: Int[Array, " pairs"]
     sums: Float[Array, "pairs distances"]
 
 
@@ -121,12 +123,16 @@ def line_tables(
     rounded = np.round(difference, DISTANCE_DIGITS)
     _, first, pair = np.unique(np.abs(rounded), return_index=True, return_inverse=True)
     phase = 2.0 * np.pi * np.outer(np.round(np.abs(difference[first]), digits), u)
+    channels, distances, pair, sign = len(positions), len(phase), pair.reshape(-1), np.sign(rounded)
+    entry = pair + distances * (sign < 0.0)
+    entry[:: channels + 1] = 2 * distances
     return AdaptiveTables(
         matched=manifold(positions_m, wavelength_m, u).conj(),
         phases=np.stack([np.cos(phase), np.sin(phase)]),
-        pair=pair.reshape(-1),
-        sign=np.sign(rounded),
-        sums=np.equal.outer(pair.reshape(-1), np.arange(len(phase))).astype(np.float64),
+        pair=pair,
+        sign=sign,
+        entry=entry,
+        sums=np.equal.outer(pair, np.arange(distances)).astype(np.float64),
     )
 
 
@@ -144,6 +150,7 @@ def adaptive_tables(radar: Radar, channels: Int[np.ndarray, " channels"]) -> Ada
         found.phases.astype(np.float32),
         found.pair.astype(np.int64),
         found.sign.astype(np.float32),
+        found.entry.astype(np.int64),
         found.sums.astype(np.float32),
     )
 
@@ -181,12 +188,12 @@ def adaptive_forms(
     channels, (cosine, sine) = snapshot.shape[-1], tables.phases
     # The covariance depends on the distance alone: r(l) = sum_n P_n exp(-j k u_n l).
     real, imaginary = power @ cosine.T, power @ sine.T
-    covariance = real[:, tables.pair] - 1j * (imaginary[:, tables.pair] * tables.sign)
     total = power.sum(-1)
     white = xp.maximum(loading, floor * total + least)
-    identity = xp.eye(channels, dtype=cosine.dtype, device=snapshot.device)
+    apart, own = real - 1j * imaginary, real[:, :1] + white[:, None] + 0j
+    covariance = xp.concatenate([apart, apart.conj(), own], 1)[:, tables.entry]
     with one_thread(xp):
-        inverse = xp.linalg.inv(covariance.reshape(-1, channels, channels) + white[:, None, None] * identity)
+        inverse = xp.linalg.inv(covariance.reshape(-1, channels, channels))
     filtered = (inverse @ snapshot[:, :, None])[:, :, 0] @ tables.matched
     # a^H M a = sum_l (Re m_l cos(k u l) - Im m_l sin(k u l)), m_l the sum of M_cd over p_c - p_d = +-l.
     flat = inverse.reshape(-1, channels * channels)
