@@ -90,6 +90,7 @@ def test_a_local_uri_is_the_local_folder(folder):
         ("http://host/set", "http://host/set: would be read in the clear; expected https://; http:// only of this"),
         ("hf://OWNER/NAME", "hf://OWNER/NAME: names no dataset; expected hf://datasets/OWNER/NAME or a folder in it"),
         ("hf://datasets/OWNER", "names no dataset"),
+        ("http://127.0.0.1:9/set", r"^http://127.0.0.1:9/set/manifest.json: cannot be reached: .*127.0.0.1"),
         (Path("s3://b/set"), "s3:/b/set: a URI as a Path, which drops a slash of it; expected the URI as text"),
     ],
 )
@@ -137,11 +138,6 @@ def test_a_web_server_without_ranges_is_one_line(folder, web):
     shard.write_bytes(shard.read_bytes() + bytes(6 << 20))  # more than is fetched at a time
     with pytest.raises(InputError, match=r"part-00000\.parquet: not readable as Parquet: .*range requests"):
         open_shard(locate(f"{url}/radar/set/train/part-00000.parquet"))
-
-
-def test_a_web_server_that_does_not_answer_is_one_line():
-    with pytest.raises(InputError, match=r"^http://127.0.0.1:9/set/manifest.json: cannot be reached: .*127.0.0.1"):
-        open_dataset("http://127.0.0.1:9/set")
 
 
 @pytest.mark.parametrize(

@@ -104,28 +104,6 @@ def test_phase_noise_is_the_difference_of_the_oscillators_phases(small_radar, ra
     assert np.linalg.norm(error - expected) < 5e-3 * np.linalg.norm(expected)
 
 
-def test_an_echo_without_delay_sees_its_own_oscillator(small_radar):
-    radar = small_radar(samples=64, chirps=2)
-    cube = with_phase_noise(tone(radar, 0), radar, PhaseNoise(level_dbc_per_hz=-80.0), np.random.default_rng(3))
-    np.testing.assert_allclose(cube, tone(radar, 0), atol=1e-6)
-
-
-def test_range_correlation_lifts_the_skirts_with_the_square_of_the_delay(small_radar):
-    # Near the carrier, pi f tau << 1, the spectrum is (2 pi f tau)^2 L(f).
-    radar = small_radar(samples=512, chirps=64).model_copy(update={"array": PAIR})
-    noise = PhaseNoise(level_dbc_per_hz=-90.0, loop_bandwidth_hz=1e5)
-    duration, bandwidth = radar.waveform.chirp_duration_s, radar.waveform.bandwidth_hz
-    for range_bin in (50, 200):
-        cube = with_phase_noise(tone(radar, range_bin), radar, noise, np.random.default_rng(1))
-        spectrum = np.fft.fft(cube[:, :, 0], axis=1) / 512
-        m = np.array([-9, -6, 6, 9])
-        power = np.mean(np.abs(spectrum[:, range_bin + m]) ** 2, axis=0)
-        density = 1e-9 / (1.0 + (m / duration / 1e5) ** 2)
-        expected = 4.0 * np.sin(np.pi * m / duration * range_bin / bandwidth) ** 2 * density / duration
-        np.testing.assert_allclose(10.0 * np.log10(power / expected), 0.0, atol=2.5)  # 64 draws: 0.5 dB each
-        assert 10.0 * np.log10(power.sum() / expected.sum()) == pytest.approx(0.0, abs=1.0)
-
-
 def test_all_receivers_share_the_oscillator_and_turns_do_not(small_radar):
     noise = PhaseNoise(level_dbc_per_hz=-95.0)
     for multiplexing, shared in (("simultaneous", True), ("tdm", False)):

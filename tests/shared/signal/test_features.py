@@ -15,7 +15,6 @@ from shared.signal.features import (
     MAGNITUDE_FLOOR_DB,
     adaptive_features,
     covariance_channels,
-    covariance_rows,
     paper_features,
     row_features,
     snapshot_features,
@@ -75,13 +74,6 @@ def test_the_paper_s_channels_equal_the_slow_reference_for_every_array(generator
     assert wrapped(found[1] - expected[1])[strong].max() < 1e-3
     filled = np.abs(expected[2] + 1j * expected[3]) > 1e-5
     assert wrapped(found[4] - expected[4])[filled].max() < 1e-3
-
-
-def test_the_covariance_of_a_full_array_is_cropped_to_29_and_padded():
-    row = covariance_rows(np.exp(1j * np.arange(48, dtype=np.float32))[None].astype(np.complex64), 450)[0]
-    assert np.all(row[435:] == 0)
-    # |element| = 1 / 48: the norm is that of the whole matrix, before the crop.
-    np.testing.assert_allclose(np.abs(row[:435]), 1 / 48, rtol=1e-5)
 
 
 @pytest.mark.parametrize("name", ARRAYS)
