@@ -145,21 +145,6 @@ def test_a_store_that_fails_in_mid_run_is_one_line_and_resumed(workers, status, 
     assert but_made(stored(server, name)) == reference
 
 
-def test_a_store_that_cannot_be_written_is_bad_input(server, radar_file):
-    nowhere = command(*POINTS, "--radar", radar_file, "--out", server.uri("set", bucket="nowhere"))
-    assert nowhere.status == 2
-    assert "--out: s3://nowhere/set: the store answers NoSuchBucket" in nowhere.err
-    server.fail(method="", path="", status=403)
-    denied = command(*POINTS, "--radar", radar_file, "--out", server.uri("denied"))
-    server.mend()
-    assert denied.status == 2
-    assert "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY" in denied.err
-    away = command(*POINTS, "--radar", radar_file, "--out", "s3://b/set?scheme=http&endpoint_override=127.0.0.1:9")
-    assert away.status == 2
-    assert "the store does not answer" in away.err
-    assert server.keys("denied") == []
-
-
 def test_traced_paths_lie_in_the_store_as_well(server, radar_file, tmp_path):
     asked = ("--radar", radar_file, "--workers", 1)
     traced = ("trace", SCENES / "tiny.usda", "--frames", 2, "--rays", 500, "--effects", "diffuse,noise", *asked)

@@ -48,16 +48,6 @@ def test_cube_keeps_its_tolerance_over_speeds_and_ranges(tolerance, speed, limit
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
-@pytest.mark.parametrize(("multiplexing", "chirps"), [("simultaneous", 33), ("tdm", 16)])
-def test_default_array_keeps_its_tolerance(tolerance, multiplexing, chirps):
-    radar = radar_of(samples=65, chirps=chirps, array=Radar().array, multiplexing=multiplexing)
-    # At 1e-6 what is fast and near goes by chirps.
-    paths = moving(6, 8.0 if tolerance > 1e-5 else 1.0, (2.0, 30.0), seed=2)
-    assert along_lines(paths, radar, tolerance) > 0
-    assert relative_error(cube_of_paths(paths, radar, tolerance), if_cube(paths, radar)) <= tolerance
-
-
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
 def test_virtual_sensor_keeps_its_tolerance(tolerance):
     # Four blocks of RX, each with its own Doppler and range.
     radar = radar_of(samples=32, chirps=16)
