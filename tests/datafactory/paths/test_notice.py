@@ -132,14 +132,14 @@ def test_sums_in_cells_are_those_of_a_slow_search(generator: np.random.Generator
     for n in range(count):
         where = candidates.arrival[n].astype(float)
         gain = front_end.tx_pattern.power_gain(where) * front_end.rx_pattern.power_gain(where)
-        power = float(candidates.power[n] * gain * front_end.transmit_power_w)
+        echo = float(candidates.power[n] * gain * front_end.transmit_power_w)
         cell = (round(float(candidates.range_m[n]) / RADAR.waveform.range_step_m),
                 int((where[1] / np.linalg.norm(where) + 1.0) / width))  # fmt: skip
-        cells.setdefault(cell, []).append((power, n))
+        cells.setdefault(cell, []).append((echo, n))
     for members in cells.values():
         total = 0.0
-        for power, n in sorted(members):
-            total += power
+        for echo, n in sorted(members):
+            total += echo
             assert worth[n] == (total > limit) or total == pytest.approx(limit, rel=1e-9, abs=0.0)
 
 
