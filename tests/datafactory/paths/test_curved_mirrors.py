@@ -7,16 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from curved_bodies import (
-    cylinder,
-    ellipsoid,
-    icosphere,
-    joined,
-    rounded_box,
-    sphere,
-    torus,
-    tube,
-)
 from curved_scenes import (
     GLASS,
     METAL,
@@ -24,10 +14,18 @@ from curved_scenes import (
     Real,
     amplitudes,
     body,
+    cylinder,
     cylinder_amplitude,
+    ellipsoid,
+    icosphere,
+    joined,
     level_db,
+    rounded_box,
+    sphere,
     sphere_amplitude,
+    torus,
     traced,
+    tube,
     turned,
 )
 from oracles import LIGHT_MPS, scattered_delays, specular_delays

@@ -5,8 +5,18 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
-from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, box, channel, plate, scene_of, sionna_scene, view_of
-from slab_coefficients import slab_reflection, slab_transmission
+from sionna_scenes import (
+    FREQUENCY_HZ,
+    WAVELENGTH_M,
+    box,
+    channel,
+    plate,
+    scene_of,
+    sionna_scene,
+    slab_reflection,
+    slab_transmission,
+    view_of,
+)
 
 from datafactory.paths.geometry import clear_between
 from datafactory.paths.slabs import Slabs

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from oracles import mirror_path, mirrored
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, box, plate
-from turning_scenes import TURN_DEG_PER_S, merged_of, turning
+from sionna_scenes import FREQUENCY_HZ, MATERIALS, TURN_DEG_PER_S, box, plate, scene_of, turning
 
 from datafactory.paths.bodies import bodies_of
 from datafactory.paths.edges import edges_of
@@ -121,7 +120,7 @@ def later(pose: Pose, seconds: float = STEP_S) -> Pose:
 
 @pytest.mark.usefixtures("variant")
 def test_the_image_in_a_turning_mirror_moves_as_two_traces_say() -> None:
-    merged = merged_of(turning(PLATE), HOUSE)
+    merged = scene_of(turning(PLATE), HOUSE)
     now, then = (traced(merged, pose).specular for pose in (POSE, later(POSE)))
     assert len(now) == len(then) >= 1
     np.testing.assert_allclose(now.image_velocity, (then.image - now.image) / STEP_S, atol=5e-3)
@@ -130,7 +129,7 @@ def test_the_image_in_a_turning_mirror_moves_as_two_traces_say() -> None:
 @pytest.mark.usefixtures("variant")
 def test_chains_of_mirrors_have_the_range_rate_of_two_traces() -> None:
     wide = plate("wide", (8.0, 0.0, 0.0), (0.0, 16.0, 0.0), (0.0, 0.0, 3.0), "metal")
-    merged = merged_of(
+    merged = scene_of(
         turning(wide, yaw=-TURN_DEG_PER_S), plate("side", (5.0, 9.0, 0.0), (9.0, 0.0, 0.0), (0.0, 0.0, 9.0), "metal")
     )
     now, then = (traced(merged, pose, depth=2).specular for pose in (POSE, later(POSE, 1e-3)))
@@ -163,7 +162,7 @@ def test_what_scatters_on_a_turning_body_moves_with_its_point() -> None:
 @pytest.mark.usefixtures("variant")
 def test_the_speckle_of_a_turning_body_turns_with_it() -> None:
     """The same ray lattice, in the body's own frame, meets the same cells of the surface: the same phases."""
-    merged = merged_of(turning(CAR, yaw=90.0, forward=0.0)).at(1.0)
+    merged = scene_of(turning(CAR, yaw=90.0, forward=0.0)).at(1.0)
     triangle = np.arange(len(merged.meshes[0].triangles))
     corners = merged.meshes[0].vertices[merged.meshes[0].triangles]
     carried = merged.carried(triangle, corners.mean(axis=1), np.zeros(len(triangle), dtype=np.int64))
@@ -172,7 +171,7 @@ def test_the_speckle_of_a_turning_body_turns_with_it() -> None:
 
 
 def test_edges_of_a_turning_body_move_as_two_moments_say_and_others_are_kept() -> None:
-    merged = merged_of(turning(CAR), HOUSE)
+    merged = scene_of(turning(CAR), HOUSE)
     now, then = (edges_of(merged.at(time)) for time in (0.2, 0.2 + STEP_S))
     house = np.array([merged.objects[index] == "house" for index in now.object_index])
     assert house.any()
@@ -185,7 +184,7 @@ def test_edges_of_a_turning_body_move_as_two_moments_say_and_others_are_kept() -
 
 
 def test_boundaries_of_mirrors_that_rest_are_those_of_time_0() -> None:
-    merged = merged_of(turning(CAR), HOUSE)
+    merged = scene_of(turning(CAR), HOUSE)
 
     def rims(at: MergedScene, turned: bool) -> Rim:
         """Of the first triangle of what turns, or of what does not."""
@@ -198,7 +197,7 @@ def test_boundaries_of_mirrors_that_rest_are_those_of_time_0() -> None:
 
 
 def test_a_scene_at_rest_is_itself_at_all_times() -> None:
-    merged = merged_of(HOUSE)
+    merged = scene_of(HOUSE)
     assert merged.at(5.0) is merged
     assert edges_of(merged.at(5.0)) is edges_of(merged)
 
@@ -209,7 +208,7 @@ def test_a_shifted_scene_keeps_its_shape_and_shares_what_was_found_of_it() -> No
     lid = SceneObject(
         "lid", CAR.vertices + np.array([0.0, 0.0, 2.0]), CAR.triangles, "glass", motion=track
     ).as_it_moves()
-    merged = merged_of(car, lid, HOUSE)
+    merged = scene_of(car, lid, HOUSE)
     there = merged.at(0.5)
     assert bodies_of(there) is bodies_of(merged)
     assert there.shapes is merged

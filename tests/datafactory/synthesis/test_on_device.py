@@ -9,7 +9,6 @@ import pytest
 from numpy.typing import NDArray
 from oracles import if_cube, relative_error
 from path_tables import a_table, radar_of, truth_radar
-from torch_devices import EVERY_DEVICE, required
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths, torch_kernels
@@ -20,6 +19,20 @@ from datafactory.synthesis.truth import truth_moments
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray, line
 from shared.signal.imaging import DEFAULT_TERMS
+
+EVERY_DEVICE = ("cpu", pytest.param("cuda", marks=pytest.mark.gpu))
+"""For ``pytest.mark.parametrize("device", ...)``, with :func:`required` at the start of the test."""
+
+
+def required(device: str) -> str:
+    """The device, or a skip that says why it is not there."""
+    if device == "cuda":
+        from datafactory.synthesis.cube import synthesis_problem
+
+        if (problem := synthesis_problem()) is not None:
+            pytest.skip(f"no CUDA device: {problem}")
+    return device
+
 
 SPACE = AntennaArray(
     tx_m=((0.0, -0.04, 0.01), (0.0, 0.03, -0.02)), rx_m=((0.01, 0.0, 0.0), (0.0, 0.03, -0.02), (0.0, 0.0, 0.04))
