@@ -133,7 +133,6 @@ def torus(radius: float, tube_radius: float, segments: int, rings: int) -> Mesh:
     return grid(np.stack([out * np.cos(around), out * np.sin(around), tube_radius * np.sin(across)], axis=-1))
 
 
-Real = NDArray[np.float64]
 HOME = Pose((0.0, 0.0, 0.0))
 WAVENUMBER = 2.0 * np.pi / WAVELENGTH_M
 METAL, GLASS = (

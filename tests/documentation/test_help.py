@@ -33,7 +33,7 @@ EVERY = [*sum(OF_DATAFACTORY.values(), ()), *sum(OF_TRAINER.values(), ())]
 SMALLER = {
     "--radar": "small.toml", "--rays": "2000", "--effects": "diffuse", "--workers": "1", "--split": "1:1:1",
     "--steps": "2", "--rows": "16", "--points": "0", "--batch": "1", "--validate-every": "2", "--width": "4",
-    "--hidden": "8", "--blocks": "1", "--quick": "", "--trials": "2", "--shown": "1", "--experiments": "street",
+    "--blocks": "1", "--quick": "", "--trials": "2", "--shown": "1", "--experiments": "street",
 }  # fmt: skip
 """Given besides, or instead, where a command has the option."""
 FEWER = {"shipped:street": "shipped:tiny", "sionna:munich": "sionna:simple_street_canyon_with_cars"}

@@ -124,13 +124,6 @@ def test_surfaces_are_heard_through_what_takes_less_than_60_db_out_and_back(name
     assert Slabs([slab], FREQUENCY_HZ).lets_through[0] == heard
 
 
-def test_metal_is_opaque_and_air_is_not_there():
-    metal = crossed([far_pane("metal")], [(20.0, 0.0, 0.0)])
-    assert abs(metal[0]) < 1e-12
-    air = crossed([far_pane("air")], [(20.0, 1.0, 3.0)])
-    assert air[0] == pytest.approx(1.0, abs=1e-9)
-
-
 @pytest.mark.usefixtures("variant")
 def test_a_box_is_two_panes_and_one_diagonal_is_not_crossed_twice():
     """The ray along x meets the diagonal that the two triangles of each side share."""

@@ -67,8 +67,7 @@ def test_cube_keeps_its_tolerance(
     assert np.linalg.norm(cube - reference) <= tolerance * max(np.linalg.norm(reference), energy)
 
 
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
-@pytest.mark.parametrize("video_phase", [False, True])
+@pytest.mark.parametrize(("tolerance", "video_phase"), [(1e-3, False), (1e-6, True), (1e-9, False)])
 def test_default_radar_and_virtual_sensor_keep_their_tolerance(tolerance, video_phase):
     radar = Radar(waveform=Waveform(chirps=3, residual_video_phase=video_phase))
     table = random_table(np.random.default_rng(5), 40, 10, (0.3, 150.0), 120.0, 15.0)
@@ -103,8 +102,10 @@ def test_precision_follows_the_tolerance_and_what_is_beyond_float64_is_refused(s
             cube_of_paths(table, radar, tolerance)
 
 
-@pytest.mark.parametrize("tolerance", [1e-3, 5e-7, 1e-9])
-@pytest.mark.parametrize("direction", [(0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.6, -0.8, 0.0)])
+@pytest.mark.parametrize(
+    ("direction", "tolerance"),
+    [*(((0.0, 1.0, 0.0), each) for each in (1e-3, 5e-7, 1e-9)), ((1.0, 0.0, 0.0), 5e-7), ((0.6, -0.8, 0.0), 5e-7)],
+)
 def test_the_worst_places_for_a_single_path(direction, tolerance):
     # Seen end on, the outer elements' delays are as far from the block's centre as they can be; half a cell comes on
     # top. The weights have little to spare: 0.78e-6 of 1e-6 for a whole block of the virtual sensor.
@@ -173,16 +174,13 @@ def test_motion_within_the_chirp_is_that_of_every_sample(few_channels, speed_mps
     assert relative_error(cube_of_paths(still, few_channels, intra_chirp=True), usual) < 2e-6
 
 
-@pytest.mark.parametrize("intra_chirp", [False, True])
-def test_the_truth_follows_the_cube(intra_chirp):
+def test_the_truth_follows_the_cube_in_its_motion_within_the_chirp():
     paths = moving_points(8.0, count=20)
-    cube = cube_of_paths(paths, RADAR, 1e-9, intra_chirp=intra_chirp).astype(np.complex64)
+    cube = cube_of_paths(paths, RADAR, 1e-9, intra_chirp=True).astype(np.complex64)
     spectra = np.abs(range_doppler(cube, RADAR)).mean(axis=-1)
     cells = np.argmax(spectra, axis=1)
-    ours = near_field_images(
-        truth_moments(paths, RADAR, cells, intra_chirp=intra_chirp)[None], RADAR, RADAR.virtual_sensor
-    )[0]
-    whole = cube_of_paths(paths, RADAR, 1e-9, array=RADAR.virtual_sensor, intra_chirp=intra_chirp)
+    ours = near_field_images(truth_moments(paths, RADAR, cells, intra_chirp=True)[None], RADAR, RADAR.virtual_sensor)[0]
+    whole = cube_of_paths(paths, RADAR, 1e-9, array=RADAR.virtual_sensor, intra_chirp=True)
     # Each row from the virtual sensor's own cube, filtered in its Doppler cell.
     expected = np.zeros_like(ours)
     for cell in np.unique(cells):

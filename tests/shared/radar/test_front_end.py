@@ -15,7 +15,6 @@ from shared.radar.arrays import AntennaArray
 from shared.radar.front_end import Converter, FrontEnd, PhaseNoise
 from shared.radar.receiver import digitised, received, with_phase_noise
 from shared.radar.waveform import Waveform
-from shared.signal import chirp_times, if_signal
 from shared.signal.spectrum import range_doppler
 from shared.signal.windows import power_in_cell
 
@@ -150,33 +149,6 @@ def test_every_imperfection_is_applied_in_order_and_reproducibly(small_radar):
     assert one.tobytes() == digitised(by_hand, converter).cube.tobytes()
     # Without noise there is no phase noise either; the converter stays.
     assert received(ideal, radar, None).cube.tobytes() == digitised(ideal, converter).cube.tobytes()
-
-
-# Transmitters that take turns
-
-
-def tdm_pair(small_radar, **waveform):
-    """The same radar, all TX at once and in turns."""
-    return [
-        small_radar(samples=64, chirps=16, chirp_interval_s=161.2e-6, multiplexing=way, **waveform).model_copy(
-            update={"array": PAIR}
-        )
-        for way in ("simultaneous", "tdm")
-    ]
-
-
-def test_a_moving_targets_phase_turns_by_its_doppler_from_tx_to_tx(small_radar):
-    speed = 5.0
-    position, velocity = np.array([[40 * 0.149896229, 0.0, 0.0]]), np.array([[speed, 0.0, 0.0]])
-    at_once, in_turns = (if_signal(r, position, velocity, np.ones(1)) for r in tdm_pair(small_radar))
-    radar = tdm_pair(small_radar)[1]
-    turn = chirp_times(radar)[1, 0]
-    assert turn == pytest.approx(161.2e-6 / 2)
-    # Mean phase over the sweep: at mid-sweep, f_d = 2 v f / c with the sign of eq. (1).
-    doppler = 2.0 * speed * radar.waveform.mid_sweep_hz / 299_792_458.0
-    rotation = np.angle(np.sum(in_turns * at_once.conj(), axis=(0, 1)))
-    np.testing.assert_allclose(rotation[[0, 2]], 0.0, atol=1e-9)
-    np.testing.assert_allclose(rotation[[1, 3]], 2.0 * np.pi * doppler * turn, rtol=2e-3)
 
 
 # In a radar's file
