@@ -22,7 +22,7 @@ from shared.signal.imaging import near_field_images, sweep_moments
 from shared.signal.spectrum import range_doppler
 
 # The tolerance is a promise; a second or two of hypothesis examples is enough to break a false one.
-PROPERTY = settings(max_examples=40)
+PROPERTY = settings(max_examples=50)
 
 
 def small_arrays() -> list[AntennaArray]:
@@ -48,14 +48,17 @@ def small_arrays() -> list[AntennaArray]:
     multiplexing=st.sampled_from(["simultaneous", "tdm"]),
     video_phase=st.booleans(),
     tolerance=st.sampled_from([1e-3, 1e-6, 1e-9]),
+    carrier_hz=st.sampled_from([24e9, 77e9, 300e9]),
+    bandwidth_hz=st.sampled_from([50e6, 1e9, 4e9]),
 )
 def test_cube_keeps_its_tolerance(
-    seed, samples, chirps, array, counts, limits_m, span_db, speed, multiplexing, video_phase, tolerance
+    seed, samples, chirps, array, counts, limits_m, span_db, speed, multiplexing, video_phase, tolerance, **sweep
 ):
     # With 64 samples the unambiguous range is 9.6 m: most of these echoes are folded, as eq. (1) has them.
     waveform = Waveform(
-        samples=samples, chirps=chirps, range_bins=samples, multiplexing=multiplexing, residual_video_phase=video_phase
-    )
+        samples=samples, chirps=chirps, range_bins=samples, multiplexing=multiplexing, residual_video_phase=video_phase,
+        **sweep,
+    )  # fmt: skip
     radar = Radar(waveform=waveform, array=array)
     table = random_table(np.random.default_rng(seed), counts[0], counts[1], limits_m, span_db, speed)
     reference = if_cube(table, radar)
