@@ -278,7 +278,6 @@ def test_a_walker_who_stands_or_walks_backwards() -> None:
 
 
 def test_options_of_the_pedestrian() -> None:
-    assert repr(Pedestrian()) == "Pedestrian()"
     assert repr(Pedestrian(stature_m=1.8)) == "Pedestrian(stature_m=1.8)"
     assert len(Pedestrian().parts(RADAR, Motion(1.4)).rcs_m2) == 0
     assert len(Pedestrian(1.8).echoes(RADAR, 4e-3)[1]) == 0
