@@ -1,20 +1,24 @@
-"""Small Sionna scenes for tests that hold our physics against Sionna's own, and against its geometry."""
+"""Small Sionna scenes for tests that hold our physics against Sionna's own, its geometry, and one slab's numbers."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from datafactory.paths.geometry import placed
 from datafactory.paths.merged_scene import MergedScene, merge_scene
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.view import View
+from datafactory.scenes.chain import Chain, Operation, Samples
+from datafactory.scenes.chain import placed as put
 from datafactory.scenes.materials.table import Material, MaterialMapping
+from datafactory.scenes.motion import Moving
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene, SceneObject
+from shared.physics.units import SPEED_OF_LIGHT
 
 FREQUENCY_HZ = 77.5e9
 WAVELENGTH_M = 299_792_458.0 / FREQUENCY_HZ
@@ -126,3 +130,51 @@ def channel(
     valid = paths.valid.numpy().reshape(-1)
     real, imaginary = (part.numpy().reshape(-1)[valid].astype(float) for part in paths.a)
     return real + 1j * imaginary, paths.interactions.numpy()[:, 0, 0][:, valid].astype(np.int64)
+
+
+TURN_DEG_PER_S = 40.0
+
+
+def turning(item: SceneObject, body: str = "body", yaw: float = TURN_DEG_PER_S, forward: float = 3.0) -> SceneObject:
+    """The object, turning about the world's z through (8, 0, 0) and moving along x, for 2 s."""
+    times = np.array([0.0, 2.0])
+    chain = Chain(
+        (
+            Operation("translate", Samples(times, np.array([[8.0, 0, 0], [8.0 + 2.0 * forward, 0, 0]]))),
+            Operation("rotate", Samples(times, np.array([[0.0], [2.0 * yaw]])), "Z"),
+        )
+    )
+    points = item.vertices - np.array([8.0, 0.0, 0.0])
+    vertices, local = put(points, chain.at(0.0)[0]), (points, np.arange(len(points)))
+    return SceneObject(
+        item.name, vertices, item.triangles, item.material, motion=Moving(body, chain), local=local
+    ).as_it_moves()
+
+
+Complex = NDArray[np.complex128]
+
+
+def slab_reflection(
+    permittivity: float, conductivity: float, thickness_m: float, frequency_hz: float, cosine: ArrayLike
+) -> tuple[Complex, Complex]:
+    """R, TE and TM, at the front face, for cosines of the angle of incidence."""
+    cosines = np.asarray(cosine, dtype=np.float64)
+    flat, slabs = cosines.reshape(-1), _slab(permittivity, conductivity, thickness_m, frequency_hz)
+    te, tm = slabs.reflection(np.zeros(flat.size, dtype=np.int64), flat)
+    return te.reshape(cosines.shape), tm.reshape(cosines.shape)
+
+
+def slab_transmission(
+    permittivity: float, conductivity: float, thickness_m: float, frequency_hz: float, cosine: ArrayLike
+) -> tuple[Complex, Complex]:
+    """T, TE and TM, without the air that a slab takes the place of."""
+    cosines = np.asarray(cosine, dtype=np.float64)
+    flat, slabs = cosines.reshape(-1), _slab(permittivity, conductivity, thickness_m, frequency_hz)
+    te, tm = slabs.transmission(np.zeros(flat.size, dtype=np.int64), flat)
+    air = np.exp(2j * np.pi * frequency_hz / SPEED_OF_LIGHT * thickness_m * flat)
+    return (te / air).reshape(cosines.shape), (tm / air).reshape(cosines.shape)
+
+
+def _slab(permittivity: float, conductivity: float, thickness_m: float, frequency_hz: float) -> Slabs:
+    numbers = permittivity, conductivity, thickness_m
+    return Slabs([Material("slab", *numbers, 0.0, "lambertian", "", (77.0, 77.0), ())], frequency_hz)

@@ -29,20 +29,15 @@ from threadpoolctl import threadpool_info, threadpool_limits
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 import cubes
-import decided
 import devices
 import images
-import line_fits
 import predicted
-import starts
 from record import NotInstalledError, Record
 from workloads import FULL, QUICK, Size, Workload
 
 PACKAGES = ("numpy", "scipy", "numba", "sionna-rt", "mitsuba", "drjit", "sparseradar-datafactory")
 BENCHMARKS: dict[str, Callable[[Workload], Record]] = {
     "cube_moving_vs_direct": cubes.moving_vs_direct,
-    "cube_tolerance_1e-3_vs_1e-6": partial(cubes.other_tolerance, tolerance="1e-3"),
-    "cube_tolerance_1e-9_vs_1e-6": partial(cubes.other_tolerance, tolerance="1e-9"),
     "cube_vs_chirps_1e-6": partial(cubes.vs_chirps, tolerance="1e-6"),
     "cube_vs_chirps_1e-4": partial(cubes.vs_chirps, tolerance="1e-4"),
     "truth_vs_exact": images.truth_vs_exact,
@@ -50,15 +45,8 @@ BENCHMARKS: dict[str, Callable[[Workload], Record]] = {
     "truth_on_torch_vs_compiled": partial(devices.truth, device="cpu"),
     "cube_on_cuda_vs_compiled": partial(devices.cube, device="cuda"),
     "truth_on_cuda_vs_compiled": partial(devices.truth, device="cuda"),
-    "lines_of_a_dense_frame_vs_omp_cfar": line_fits.dense_frame,
-    "lines_of_192_channels_vs_omp_cfar": line_fits.wide_board,
     "images_of_a_frame_vs_omp_cfar": partial(predicted.one_frame, points=False),
     "images_and_points_of_a_frame_vs_omp_cfar": partial(predicted.one_frame, points=True),
-    "datafactory_help_vs_numpy": partial(starts.help_of, program="datafactory"),
-    "trainer_help_vs_numpy": partial(starts.help_of, program="trainer"),
-    "first_frame_vs_numpy": starts.first_frame,
-    "effects_auto_vs_all": decided.decided_frames,
-    "two_workers_vs_one": starts.two_workers,
 }
 
 

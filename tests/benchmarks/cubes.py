@@ -33,20 +33,6 @@ def moving_vs_direct(work: Workload) -> Record:
     )
 
 
-def other_tolerance(work: Workload, tolerance: str) -> Record:
-    """What a looser tolerance saves, and what complex128 costs."""
-    elapsed, cube = work.cube_at(float(tolerance))
-    return Record(
-        name=f"cube_tolerance_{tolerance}_vs_1e-6",
-        ours=f"{_ours(work, tolerance)}, {cube.dtype}",
-        ours_time=elapsed,
-        reference="the same at 1e-6, complex64",
-        reference_time=work.cube[0],
-        error=work.error_against_direct(cube),
-        error_unit=f"{RELATIVE_L2} against the float64 sum on {work.size.direct_samples} channel-chirps",
-    )
-
-
 def vs_chirps(work: Workload, tolerance: str) -> Record:
     """All kernels, each path in the cheapest, beside the exact one for all."""
     chirps, recording = work.radar.waveform.chirps, Recording(work.radar, float(tolerance), intra_chirp=False)

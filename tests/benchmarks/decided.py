@@ -9,18 +9,14 @@ which are written here, or whatever ``datafactory render`` takes; without, all o
 from __future__ import annotations
 
 import argparse
+import resource
 import shutil
-import statistics
+import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-
-sys.path.append(str(Path(__file__).resolve().parents[1]))
-
-from record import Record, Timing
-from starts import TINY_SCENE, median_time, program_of, timed_run
-from workloads import Workload
+from statistics import median
 
 from datafactory.scenes.city.city import write_city
 from datafactory.scenes.city.rules import Style
@@ -66,63 +62,45 @@ WRITTEN: dict[str, Callable[[Path], object]] = {
     "motorway": lambda path: write_city(path, style=Style.MOTORWAY),
     "car-park": lambda path: write_city(path, style=Style.CAR_PARK),
 }
+SHIPPED = Path(__file__).resolve().parents[2] / "scenes"
 SCENES = (
     *WRITTEN,
-    str(TINY_SCENE),
-    str(TINY_SCENE.with_name("street.usda")),
+    str(SHIPPED / "tiny.usda"),
+    str(SHIPPED / "street.usda"),
     "sionna:munich",
     "sionna:florence",
     "sionna:simple_street_canyon_with_cars",
 )
 
 
-def decided_frames(work: Workload) -> Record:
-    """All scenes; of the quick size the tiny one. Times are sums of the scenes' medians."""
-    ours, reference, ratios = [], [], {}
-    for scene in SCENES if work.size.name == "full" else (str(TINY_SCENE),):
-        auto, every = pairs(scene, work.size.decided_frames, work.size.repeats)
-        ours.append(median_time(auto))
-        reference.append(median_time(every))
-        ratios[f"cpu_ratio_{Path(scene).stem}"] = statistics.median(_ratios(auto, every))
-    return Record(
-        name="effects_auto_vs_all",
-        ours_time=_sum(ours),
-        reference="the same, --effects all",
-        reference_time=_sum(reference),
-        error=0.0,  # of another status nothing is recorded
-        error_unit="exit status",
-        ours=f"datafactory render, {work.size.decided_frames} frames each of {len(ratios)} scenes, 1 worker",
-        details=ratios,
-    )
-
-
-def pairs(scene: str, frames: int, repeats: int) -> tuple[tuple[Timing, ...], tuple[Timing, ...]]:
-    """Times of both, pair by pair; which of a pair is first alternates. One run before compiles kernels."""
+def pairs(scene: str, frames: int, repeats: int) -> tuple[list[float], list[float]]:
+    """Processor seconds of both, pair by pair; which of a pair is first alternates. One run before compiles kernels."""
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / f"{scene}.usda"
         if scene in WRITTEN:
             WRITTEN[scene](place)
 
-        def timed(effects: str, count: int = frames) -> Timing:
+        def timed(effects: str, count: int = frames) -> float:
             out = Path(folder) / effects
             shutil.rmtree(out, ignore_errors=True)
             options = ("--frames", str(count), "--workers", "1", "--effects", effects, "--out", str(out))
-            return timed_run(program_of("datafactory", "render", str(place) if scene in WRITTEN else scene, *options))
+            return rendered_in(str(place) if scene in WRITTEN else scene, *options)
 
         timed("all", 1)
-        both: list[dict[str, Timing]] = []
+        both: list[dict[str, float]] = []
         for number in range(repeats):
             order = ("auto", "all") if number % 2 == 0 else ("all", "auto")
             both.append({effects: timed(effects) for effects in order})
-    return tuple(pair["auto"] for pair in both), tuple(pair["all"] for pair in both)
+    return [pair["auto"] for pair in both], [pair["all"] for pair in both]
 
 
-def _ratios(auto: tuple[Timing, ...], every: tuple[Timing, ...]) -> Iterator[float]:
-    return (other.cpu_seconds / own.cpu_seconds for own, other in zip(auto, every, strict=True))
-
-
-def _sum(times: list[Timing]) -> Timing:
-    return Timing(sum(each.seconds for each in times), sum(each.cpu_seconds for each in times))
+def rendered_in(*arguments: str) -> float:
+    """Processor seconds of a render that ends with status 0."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    command = [sys.executable, "-m", "datafactory", "render", *arguments]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
 
 
 def main() -> None:
@@ -134,10 +112,10 @@ def main() -> None:
     asked = parser.parse_args()
     for scene in asked.scenes:
         auto, every = pairs(scene, asked.frames, asked.pairs)
-        ratios = sorted(_ratios(auto, every))
+        ratios = sorted(other / own for own, other in zip(auto, every, strict=True))
         print(
-            f"{scene}: auto {median_time(auto).cpu_seconds:.1f} s, all {median_time(every).cpu_seconds:.1f} s, "
-            f"{statistics.median(ratios):.3f} ({ratios[0]:.3f} to {ratios[-1]:.3f})",
+            f"{scene}: auto {median(auto):.1f} s, all {median(every):.1f} s, "
+            f"{median(ratios):.3f} ({ratios[0]:.3f} to {ratios[-1]:.3f})",
             flush=True,
         )
 

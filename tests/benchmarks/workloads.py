@@ -28,49 +28,37 @@ class Size:
 
     :param name: "full" are the sizes that the results are quoted at
     :param paths: K of the cubes
-    :param rays: of the first frame
     :param direct_samples: channel-chirps of the moving cube on which the reference is run
     :param waveform: of the cubes and images
     :param elements: of the virtual sensor, half of a carrier wavelength apart
     :param angle_bins: of the images
     :param repeats: of which the median is taken
-    :param worker_frames: that two workers and one make
-    :param decided_frames: made as they decide, and with every effect
     """
 
     name: str
     paths: int
-    rays: int
     direct_samples: int
     waveform: Waveform
     elements: int
     angle_bins: int
     repeats: int
-    worker_frames: int
-    decided_frames: int
 
 
 FULL = Size(
     name="full",
     paths=100_000,
-    rays=200_000,
     direct_samples=4,
     waveform=Waveform(),
     elements=256,
     angle_bins=450,
     repeats=5,
-    worker_frames=96,
-    decided_frames=20,
 )
 QUICK = replace(
     FULL,
     name="quick",
     paths=5_000,
-    rays=20_000,
     angle_bins=90,
     repeats=2,
-    worker_frames=16,
-    decided_frames=4,
 )
 
 

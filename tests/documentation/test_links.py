@@ -1,11 +1,13 @@
-"""Links lead somewhere, and the menu has every page: what can be known without the site's generator."""
+"""The manual: links lead somewhere, the menu has every page, the chain has the code's steps, notebooks' pages."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 from manual import DOCS, PAGES, ROOT, anchors, links, name_of
+from notebooks import page_of, run
 from pages import GUIDES, IDEAS, NOTEBOOKS, START, depth, navigation, without_links_out
 
 SECTIONS = ["Guides", "Ideas", "Depth", "Notes", "Reference"]
@@ -60,3 +62,77 @@ def test_links_out_of_the_manual_become_text(tmp_path: Path) -> None:
         assert without_links_out(link, place, folder) == f"[tour]({up}examples/{NOTEBOOKS[0]}.md)"
     fenced = "```\n[gone](../gone.py)\n```\n"
     assert without_links_out(fenced, page, folder) == fenced
+
+
+FRAME = ROOT / "datafactory/src/datafactory/frame"
+AROUND = {"deal", "shard"}
+"""Of the chain as the page has it: what stands before and behind the steps that a hook sees."""
+
+
+def test_the_chain_of_a_frame_has_the_steps_that_a_hook_sees() -> None:
+    page = (DOCS / "architecture.md").read_text(encoding="utf-8")
+    (chain,) = re.findall(r"^    deal -> .*?\n\n", page, re.MULTILINE | re.DOTALL)
+    told = [step.strip() for step in " ".join(chain.split()).split("->")]
+    code = "".join((FRAME / name).read_text(encoding="utf-8") for name in ("chain.py", "measurement.py"))
+    taken = set(re.findall(r'\bat\(\s*"([^"]+)"', code)) - {"read"}
+    assert set(told) - AROUND == taken
+
+
+SCRIPT = """# %% [markdown]
+# # A title
+#
+# Some words.
+
+# %%
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+out = Path(os.environ["EXAMPLES_OUT"]) / "small"
+out.mkdir(parents=True)
+with (out.parent / "runs.txt").open("a") as file:
+    file.write("run\\n")
+
+
+# %%
+def later(value: Undefined) -> None: ...
+
+
+(out / "dot.png").write_bytes(b"a picture")
+print("printed")
+"""
+
+
+@pytest.fixture
+def script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("EXAMPLES_OUT", str(tmp_path / "out"))
+    path = tmp_path / "small.py"
+    path.write_text(SCRIPT, encoding="utf-8")
+    return path
+
+
+def test_a_page_has_text_code_output_and_pictures_of_the_script_as_it_was_run(script: Path, tmp_path: Path) -> None:
+    kept = tmp_path / "kept"
+    run(script, kept)
+    run(script, kept)
+    assert (tmp_path / "out" / "runs.txt").read_text() == "run\n"
+    page, pictures = page_of(script, kept)
+    assert page.startswith("# A title\n\n*`examples/small.py` with its output")
+    assert page.endswith("```text\nprinted\n```\n\n![dot](small/dot.png)\n")
+    assert [picture.read_bytes() for picture in pictures] == [b"a picture"]
+    script.write_text(SCRIPT.replace("printed", "another"), encoding="utf-8")
+    page, pictures = page_of(script, kept)
+    assert "which was not run" in page
+    assert ("```text" in page, pictures) == (False, [])
+    run(script, kept)
+    assert "```text\nanother\n```" in page_of(script, kept)[0]
+
+
+def test_a_script_that_fails_leaves_no_page(script: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    script.write_text(SCRIPT + "raise ValueError('no')\n", encoding="utf-8")
+    with pytest.raises(RuntimeError, match=r"small\.py failed"):
+        run(script, tmp_path / "kept")
+    line = SCRIPT.count("\n") + 1
+    assert f'small.py", line {line}' in capfd.readouterr().err
+    assert "which was not run" in page_of(script, tmp_path / "kept")[0]

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from curved_bodies import Mesh, cylinder, sphere, torus, tube
+from curved_scenes import Mesh, cylinder, sphere, torus, tube
 from hardcases.case import HardCase
 from hardcases.tools import MIRROR, UTM, frame_of, not_finite, not_finite_paths, small_radar, stage, traced
 from numpy.typing import ArrayLike

@@ -1,8 +1,4 @@
-"""One bit that flips anywhere in a dataset: each command that reads it stops with one line, or reads the same values.
-
-Bits of shards and of the manifest alike, each flip in the fresh state of a new file; what a command does with what it
-read (training, drawing, imaging) is left out.
-"""
+"""One bit flips in what a command left for a later one: the later one stops with one line, or reads the same values."""
 
 from __future__ import annotations
 
@@ -11,9 +7,11 @@ import json
 import os
 import pickle
 import shutil
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import is_dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, is_dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,11 +24,21 @@ from fuzzing import flipped
 from prepared_scenes import SCENES
 from pydantic import BaseModel
 
+sys.path.append(str(Path(__file__).resolve().parents[1] / "trainer"))
+from small_evaluation import FULL, make_run
+from tiny_radar import RADAR as TINY_RADAR
+
+from datafactory.accuracy.cache import cached
+from datafactory.accuracy.prices import Price, Prices
 from datafactory.inspection.dataset import summarise
 from datafactory.paths.storage import read_paths
 from datafactory.run.preparation import stored_paths
-from shared.dataset.documents import MADE
+from datafactory.run.progress import FinishedShard, begin, claimed, completed, record_finished
+from datafactory.run.shards import ShardPlan
+from shared.dataset.documents import DIGEST, MADE
 from shared.dataset.folder import open_dataset, verify
+from shared.dataset.locations import sha256_of
+from shared.dataset.manifest import ShardRecord
 from shared.dataset.reading import read_frame
 from shared.physics.errors import InputError
 from shared.radar import load_radar
@@ -38,7 +46,10 @@ from trainer.data.measurements import open_measurements
 from trainer.evaluation.evaluate import open_bench
 from trainer.evaluation.experiments.frames import COLUMNS
 from trainer.evaluation.options import EvaluationConfig
+from trainer.evaluation.store import CellStore, cell_name
 from trainer.run.configuration import FitConfig
+from trainer.run.folder import RUN_FILE, load_imager, read_run
+from trainer.training.callbacks import require_checkpoint
 from trainer.training.datamodule import ImagingData
 
 RADAR = """
@@ -186,3 +197,119 @@ def test_no_flipped_bit_is_read_silently(kind: str, made: Path, generator: np.ra
         shutil.rmtree(copy)
     for name in READS[kind]:
         assert noticed[name] >= LEAST.get((kind, name), 1.0) * FLIPS[kind], noticed
+
+
+FLIPS_OF_A_FILE = 200
+
+
+class Noticed(Exception):
+    """The reader does without the file and says so."""
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A file, and what a later command reads of it."""
+
+    path: Path
+    read: Callable[[], Any]
+
+
+def run_file(name: str, folder: Path) -> Iterator[Kept]:
+    run = make_run(folder / "run", FULL, TINY_RADAR)
+
+    def read() -> Any:
+        described, imager = load_imager(run)
+        weights = [(key, value.numpy().tobytes()) for key, value in imager.network.state_dict().items()]
+        return described, imager.gain, weights
+
+    yield Kept(run / name, read)
+
+
+def checkpoint(folder: Path) -> Iterator[Kept]:
+    path, state = folder / "last.ckpt", {"weight": torch.arange(24.0).reshape(4, 6)}
+    torch.save(
+        {
+            "state_dict": state, "optimizer_states": [], "lr_schedulers": [], "loops": {}, "callbacks": {"best": 0.5},
+            "epoch": 0, "global_step": 4, "batches_seen": 4, "pytorch-lightning_version": "2.6",
+        },
+        path,
+    )  # fmt: skip
+
+    def read() -> Any:
+        require_checkpoint(path)
+        content = torch.load(path, weights_only=True)
+        return {**content, "state_dict": content["state_dict"]["weight"].tolist()}
+
+    yield Kept(path, read)
+
+
+def cell(folder: Path) -> Iterator[Kept]:
+    """Of an evaluation."""
+    key = cell_name("pairs", "das", "full", "snr=20", "inputs")
+    CellStore(folder).keep(key, {"levels": np.arange(3000.0), "found": np.array(3)})
+
+    def read() -> Any:
+        values = CellStore(folder).finished(key)
+        return {name: (value.dtype, value.tolist()) for name, value in (values or {}).items()}
+
+    yield Kept(folder / key, read)
+
+
+def measurements(folder: Path) -> Iterator[Kept]:
+    """What the plan of effects and the error budget keep in the user's cache."""
+    price = Price(knob="rays", value=1.0, cube=(0.25,), image=(0.5,), power=(0.125,), bias=(1.0,), paths=7.0)
+    prices = Prices(prices=(price,))
+    cached(folder, {}, Prices, lambda _: prices, print)
+
+    def measured_again(_: Path) -> Prices:
+        raise Noticed
+
+    yield Kept(next(folder.iterdir()), lambda: cached(folder, {}, Prices, measured_again, lambda _: None))
+
+
+def note(folder: Path) -> Iterator[Kept]:
+    """Of a shard that an unfinished run has finished."""
+    plan, shard = ShardPlan("train", 0, (0, 1)), folder / "train" / "part-00000.parquet"
+    shard.parent.mkdir()
+    shard.write_bytes(b"whole")
+    record = ShardRecord(path=plan.path, rows=2, bytes=5, sha256=sha256_of(shard))
+
+    def read() -> Any:
+        found = completed(folder, [plan], "made so")
+        if found.damaged:
+            raise Noticed
+        return found
+
+    with claimed(folder, resume=True):
+        begin(folder, {}, resume=False)
+        record_finished(folder, plan, FinishedShard(record=record, counts={"rays": 12345}, fingerprint="made so"))
+        yield Kept(next((folder / ".progress").glob("train-*")), read)
+
+
+@pytest.mark.parametrize(
+    "keep",
+    [partial(run_file, "run.json"), partial(run_file, "weights.safetensors"), checkpoint, cell, measurements, note],
+)
+def test_a_flipped_bit_is_noticed_or_changes_nothing(
+    keep: Callable[[Path], Iterator[Kept]], tmp_path: Path, generator: np.random.Generator
+) -> None:
+    with contextmanager(keep)(tmp_path) as kept:
+        content, whole = kept.path.read_bytes(), kept.read()
+        noticed = 0
+        for _ in range(FLIPS_OF_A_FILE):
+            damaged, where = flipped(content, generator)
+            kept.path.write_bytes(damaged)
+            try:
+                assert kept.read() == whole, where
+            except (InputError, Noticed):
+                noticed += 1
+        assert noticed > 0.5 * FLIPS_OF_A_FILE
+
+
+def test_a_run_of_an_earlier_release_has_no_checksum_and_is_read(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "run", FULL, TINY_RADAR)
+    whole = read_run(run)
+    document = json.loads((run / RUN_FILE).read_text())
+    assert document.pop(DIGEST)
+    (run / RUN_FILE).write_text(json.dumps(document))
+    assert read_run(run) == whole

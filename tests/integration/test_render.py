@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import threading
 from contextlib import suppress
 from dataclasses import replace
@@ -25,7 +23,6 @@ from datafactory.frame.draws import frame_seed
 from datafactory.inspection.dataset import MEANINGS, told
 from datafactory.run import portions
 from datafactory.run.preparation import prepare
-from datafactory.run.progress import claimed
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, Scene
@@ -158,14 +155,6 @@ def test_rendering_from_traced_paths_gives_the_same_frames(dataset, radar_file, 
         assert not (tmp_path / out).exists()
 
 
-def test_what_cannot_fit_on_the_disk_is_refused_before_any_work(radar_file, tmp_path):
-    with pytest.raises(
-        InputError, match=r"1000000000 frames need at least \d+ MB; .* has \d+ MB free; expected at most"
-    ):
-        run("points", "--frames", 1_000_000_000, "--radar", radar_file, "--out", tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-
-
 def test_ground_too_small_for_a_split_is_refused_before_the_run_begins(radar_file, tmp_path):
     yard = Scene("yard", (sheet("floor", (0.0, 12.0), (0.0, 8.0), flat),))
     with pytest.raises(InputError, match="yard: no free ground is left for validation"):
@@ -200,13 +189,6 @@ def test_traced_paths_keep_their_split(radar_file, tmp_path):
         run("render", "--paths", traced, "--radar", radar_file, "--split", "6:1:1", "--out", tmp_path / "other")
 
 
-def test_one_job_works_in_a_folder(radar_file, tmp_path):
-    out = tmp_path / "data"
-    with claimed(out, resume=False), pytest.raises(InputError, match="another process is at work"):
-        rendered(out, radar_file, "--frames", 1)
-    assert not out.exists()
-
-
 def test_threads_of_a_process_take_turns_and_make_what_each_makes_alone(radar_file, tmp_path):
     """They moved each other's scenes: frames were wrong, without a word."""
     meeting, reports = threading.Barrier(2), []
@@ -231,27 +213,6 @@ def test_threads_of_a_process_take_turns_and_make_what_each_makes_alone(radar_fi
     assert [seed for seed, _ in groupby(reports)] in ([1, 2], [2, 1])
     for seed in (1, 2):
         assert shards(tmp_path / f"at once {seed}") == shards(tmp_path / f"alone {seed}")
-
-
-SCRIPT = """
-from pathlib import Path
-from datafactory.run.preparation import Order
-from datafactory.run.pipeline import render
-from datafactory.run.pipeline import Execution
-from datafactory.scenes.materials.table import load_materials
-from shared.radar import load_radar
-
-order = Order(radar=load_radar({radar!r}), points=20, split="1:1:0")
-print(render(order, load_materials(), Execution(Path({out!r}), workers=2)).frames)
-"""
-
-
-def test_a_script_needs_no_guard_around_its_main_part(radar_file, tmp_path):
-    """Three shards in two other processes, from the top of a script."""
-    script = tmp_path / "script.py"
-    script.write_text(SCRIPT.format(radar=str(radar_file), out=str(tmp_path / "data")))
-    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False, timeout=300)
-    assert (done.stdout.strip(), done.returncode) == ("20", 0), done.stderr[-800:]
 
 
 def test_a_dry_run_says_what_the_run_will_take_and_writes_nothing(dataset, radar_file, tmp_path):

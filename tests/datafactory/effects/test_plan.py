@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,14 +15,13 @@ from datafactory.defaults import DEFAULT_BUDGET_DB
 from datafactory.effects import proof
 from datafactory.effects.catalogue import ALL, DESCRIPTIONS, NAMES, PATH_EFFECTS, EffectSet, parse_effects
 from datafactory.effects.plan import FLOOR_DB, FramePlan, Loss, plan_of_frame, plan_of_scene
-from datafactory.frame.chain import ChainSettings, SceneSource, make_frames
+from datafactory.frame.chain import ChainSettings, SceneSource
 from datafactory.frame.deal import Deal, DealtFrame, PreparedScene
 from datafactory.frame.measurement import Processing
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.solver import TraceSettings
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose
-from shared.dataset import Frame
 from shared.physics.errors import InputError
 from shared.radar import FrontEnd, Radar
 
@@ -120,14 +118,6 @@ POST = """def Xform "post" {
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
 """
-WALKER = """def Xform "walker" {
-    custom string radar:target = "pedestrian"
-    custom float radar:stature_m = 1.75
-    custom double3 radar:velocity = (1.4, 0, 0)
-    double3 xformOp:translate = (6, 0, 0)
-    uniform token[] xformOpOrder = ["xformOp:translate"]
-}
-"""
 POSE = Pose((0.0, 0.0, 0.5))
 
 
@@ -150,29 +140,6 @@ def test_a_bounce_is_planned_where_there_is_one(tmp_path: Path) -> None:
     before = planned(scene(tmp_path, POST, SHEET.format(near=2, far=11)))
     assert "rcs_targets" in before
     assert "multi_bounce" not in before
-
-
-def test_a_walker_is_the_same_for_one_seed_and_another_for_the_next(
-    tmp_path: Path, small_radar: Callable[..., Radar]
-) -> None:
-    prepared, radar = scene(tmp_path, WALKER), small_radar(chirps=32, samples=128)
-    settings = ALL.settings(ChainSettings(trace=TraceSettings(rays=1000)))
-
-    def made(seed: int) -> tuple[Frame, dict[str, int]]:
-        frame = Deal(seed=seed, scenes=1, poses=(POSE,)).frame(0)
-        return next(make_frames([SceneSource(frame, prepared, settings)], radar))
-
-    (first, counts), (again, _), (other, _) = made(1), made(1), made(2)
-    assert counts["point_targets_hidden"] == 0
-    assert first.range_channel.tobytes() == again.range_channel.tobytes()
-    assert first.image.tobytes() == again.image.tobytes()
-    assert not np.allclose(first.range_channel, other.range_channel)
-    assert len([target for target in first.targets if target.object == "/walker"]) == 16
-    rates = [target.velocity_mps for target in first.targets if target.object == "/walker"]
-    assert max(rates) - min(rates) > 1.0
-    # Other rays of the same frame see the same walker.
-    frame = Deal(seed=1, scenes=1, poses=(POSE,)).frame(0)
-    assert frame.target_seed() == replace(frame, realisation=3).target_seed()
 
 
 CONTRACT = (

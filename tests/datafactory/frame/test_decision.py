@@ -1,14 +1,16 @@
-"""How much a frame would change without an effect, against slow sums; what it is then made with; its boxes."""
+"""How much a frame would change without an effect, against slow sums; what it is then made with; boxes, noise."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from oracles import scattered_delays, specular_delays
 from path_tables import a_table
 
+from datafactory import load_radar, render
 from datafactory.effects.catalogue import ALL, NAMES, NO_CHOICE, PATH_EFFECTS, SIGNAL_EFFECTS, EffectSet
 from datafactory.frame import decision
 from datafactory.frame.chain import ChainSettings
@@ -19,8 +21,10 @@ from datafactory.paths.candidates import EDGE, PANE, TWICE, Candidates
 from datafactory.paths.cells import cell_power
 from datafactory.paths.table import DIFFRACTED, DIFFUSE, REFRACTED, PathTable, ScatteredPaths, SpecularPaths
 from datafactory.scenes.boxes import SeenThing
+from shared.dataset.folder import open_dataset
 from shared.radar import FrontEnd, Radar
 from shared.radar.waveform import Waveform
+from shared.signal.spectrum import range_doppler
 
 LIGHT_MPS = 299_792_458.0
 SPEEDS_MPS = np.array([0.0, 0.02, 0.1, 0.35, 1.0, 3.3, 7.0, 11.0])
@@ -277,3 +281,25 @@ def test_what_is_out_of_view_is_counted(center: tuple[float, float, float], kept
     thing = replace(CAR, center=center, velocity=(0.0, 0.0, 0.0))
     boxes, counts = boxes_of([thing], NOTHING, RADAR)
     assert (len(boxes), counts) == (int(kept), {"boxes": int(kept), "boxes_out_of_view": int(not kept)})
+
+
+CONVERTING = """
+[waveform]
+samples = 256
+chirps = 64
+range_bins = 100
+[front_end]
+converter = { bits = 8, full_scale_dbm = -50 }
+"""
+
+
+@pytest.mark.parametrize("text", [CONVERTING, CONVERTING.partition("[front_end]")[0]], ids=["converter", "none"])
+def test_the_noise_of_a_frame_is_that_of_its_cells(tmp_path: Path, text: str) -> None:
+    """A converter whose step is 2.5 deviations of the receiver's noise; thousands of points were listed of it."""
+    (tmp_path / "radar.toml").write_text(text, encoding="utf-8")
+    radar = load_radar(str(tmp_path / "radar.toml"))
+    render(None, tmp_path / "data", radar=radar, frames=0, points=1, split="0:0:1", store="cube")
+    (frame,) = open_dataset(tmp_path / "data").frames("test")
+    assert frame.cube is not None
+    cells = np.abs(range_doppler(frame.cube, radar)) ** 2
+    assert frame.noise_power == pytest.approx(np.median(cells) / np.log(2.0), rel=0.05, abs=0.0)

@@ -104,19 +104,6 @@ def test_every_array_and_the_truth_peak_at_the_target():
         assert (image.norm.vmin, image.norm.vmax) == (-SPAN_DB, 0.0)
 
 
-def test_pixels_stand_at_their_range_and_u():
-    image = panels(draw_frame(make_frame(1), RADAR))["16 RX"]
-    left, right, bottom, top = image.get_extent()
-    rows, columns = image.get_array().shape
-    u = left + (columns - 1 - COLUMN + 0.5) * (right - left) / columns
-    range_m = bottom + (ROW + 0.5) * (top - bottom) / rows
-    assert u == pytest.approx(RADAR.grid.u[COLUMN])
-    assert range_m == pytest.approx(RADAR.waveform.ranges_m[ROW])
-    # Left of the radar, u > 0, is on the left of the picture.
-    low, high = image.axes.get_xlim()
-    assert low > high
-
-
 def test_the_view_from_above_has_the_truth_and_a_ring_round_the_object():
     frame = make_frame(1)
     (axis,) = (axis for axis in draw_frame(frame, RADAR).axes if axis.get_title().endswith("from above"))

@@ -20,8 +20,7 @@ from corner_scenes import (
     reference_echo,
 )
 from numpy.typing import NDArray
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, scene_of
-from slab_coefficients import slab_reflection
+from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, scene_of, slab_reflection
 
 from datafactory.paths import corner_echoes
 from datafactory.paths.corner_aperture import Apertures

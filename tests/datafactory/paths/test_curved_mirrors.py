@@ -7,17 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from curved_bodies import (
-    capsule,
-    cylinder,
-    ellipsoid,
-    icosphere,
-    joined,
-    rounded_box,
-    sphere,
-    torus,
-    tube,
-)
 from curved_scenes import (
     GLASS,
     METAL,
@@ -25,10 +14,18 @@ from curved_scenes import (
     Real,
     amplitudes,
     body,
+    cylinder,
     cylinder_amplitude,
+    ellipsoid,
+    icosphere,
+    joined,
     level_db,
+    rounded_box,
+    sphere,
     sphere_amplitude,
+    torus,
     traced,
+    tube,
     turned,
 )
 from oracles import LIGHT_MPS, scattered_delays, specular_delays
@@ -42,12 +39,15 @@ from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 pytestmark = pytest.mark.usefixtures("variant")
 
 
-@pytest.mark.parametrize(("radius", "times"), [(0.05, 2.0), (0.05, 100.0), (0.4, 7.0), (5.0, 2.0), (5.0, 100.0)])
+PLACES = ((0.05, 2.0), (0.4, 7.0), (5.0, 100.0))
+
+
 @pytest.mark.parametrize(
-    ("made", "facets", "bound_db"),
-    [(sphere, 16, 0.1), (sphere, 33, 0.1), (sphere, 200, 0.02), (icosphere, 2, 0.05), (icosphere, 4, 0.05)],
-)
-def test_a_sphere_has_its_divergence_near_and_far(radius, times, made, facets, bound_db):
+    ("made", "facets", "bound_db", "radius", "times"),
+    [*((*of, *place) for of in ((sphere, 16, 0.1), (icosphere, 2, 0.05)) for place in PLACES),
+     (sphere, 200, 0.02, *PLACES[1]), (icosphere, 4, 0.05, *PLACES[1])],
+)  # fmt: skip
+def test_a_sphere_has_its_divergence_near_and_far(made, facets, bound_db, radius, times):
     for seed in range(2):
         table = traced(body(made(radius, facets), (times * radius, 0.0, 0.0), turned(seed)))
         assert abs(level_db(table, sphere_amplitude(radius, times * radius))) < bound_db
@@ -64,7 +64,7 @@ def test_a_cylinder_seen_broadside(radius, length, distance, segments, rings):
         table = traced(body(of, (distance, 0.0, 0.0), Rotation.from_euler("z", turn)))
         assert abs(level_db(table, cylinder_amplitude(radius, length, distance))) < 0.25
     lying = traced(body(of, (distance, 0.0, 0.0), Rotation.from_euler("zx", [turn, 0.5 * np.pi])))
-    assert abs(amplitudes(lying)[0]) == pytest.approx(abs(amplitudes(table)[0]), rel=1e-6)
+    assert abs(amplitudes(lying)[0]) == pytest.approx(abs(amplitudes(table)[0]), rel=1e-6, abs=0.0)
 
 
 @pytest.mark.parametrize(("radius", "segments", "distance", "end_deg"), [(0.5, 24, 5.0, 0.05), (2.0, 90, 12.0, 0.024)])
@@ -86,17 +86,8 @@ def test_a_half_cylinder_ends(radius, segments, distance, end_deg):
         assert abs(amplitudes(seen(degrees))[0] / whole - expected) < 0.05
 
 
-def test_a_capsule_is_a_cylinder_from_the_side_and_a_sphere_from_its_ends():
-    of, middle = capsule(0.3, 1.5, 32), np.array([6.0, 0.0, 0.0])
-    assert abs(level_db(traced(body(of, middle)), cylinder_amplitude(0.3, 1.5, 6.0))) < 0.3
-    for degrees in (90.0, 60.0, 25.0):
-        turn = Rotation.from_euler("y", -degrees, degrees=True)
-        nearest = min(np.linalg.norm(middle + turn.apply([0.0, 0.0, end])) for end in (-0.75, 0.75))
-        assert abs(level_db(traced(body(of, middle, turn)), sphere_amplitude(0.3, float(nearest)))) < 0.3
-
-
 @pytest.mark.parametrize(("segments", "bound_db"), [(48, 0.4), (72, 0.2), (120, 0.1)])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_an_ellipsoid_as_long_as_a_car(segments, bound_db, seed):
     """From the curvatures at its point p nearest to the radar, h the distance of the tangent plane from the centre.
 

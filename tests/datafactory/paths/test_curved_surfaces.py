@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from curved_bodies import capsule, cylinder, ellipsoid, grid, icosphere, rounded_box, sphere
-from curved_scenes import body, traced
+from curved_scenes import body, capsule, cylinder, ellipsoid, grid, icosphere, rounded_box, sphere, traced
 from scipy.spatial.transform import Rotation
 from sionna_scenes import mesh, plate, scene_of
 

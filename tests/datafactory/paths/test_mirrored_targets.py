@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from curved_bodies import tube
+from curved_scenes import tube
 from mirrored_scenes import ASPHALT, METAL, echoes, fresnel, ground, level_db, point, two_rays_db
 from numpy.typing import NDArray
 from oracles import mirrored, scattered_delays

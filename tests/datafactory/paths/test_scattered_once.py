@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from rough_plates import CORNER, HERE, ROUGHNESS, decibels_of, merged_of
-from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, plate, slabs, view_of
-from slab_coefficients import slab_transmission
+from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, mapping, material, plate, slab_transmission, slabs, view_of
 
 from datafactory.paths import solver as solver_module
 from datafactory.paths.arrivals import Arrivals, Echoes
 from datafactory.paths.geometry import placed
-from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.merged_scene import MergedScene, merge_scene
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattered import behind_panes, over_mirrors, scattered_twice
 from datafactory.paths.scattering import has_lobes, share_at
@@ -25,7 +23,31 @@ from datafactory.paths.trace import trace
 from datafactory.scenes.materials.reflectivity import fresnel_reflectivity, lambertian_sigma0
 from datafactory.scenes.materials.table import Pattern
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import SceneObject
+from datafactory.scenes.scene import Scene, SceneObject
+
+HERE = Pose((0.0, 0.0, 0.0))
+ROUGHNESS = {"concrete": 0.6, "metal": 0.5, "lobed": 0.4, "glass": 0.0}
+MATERIALS = mapping(
+    material("concrete", 5.24, 1.38, 0.1, ROUGHNESS["concrete"]),
+    material("metal", 1.0, 1e7, 0.1, ROUGHNESS["metal"]),
+    material("lobed", 5.24, 1.38, 0.1, ROUGHNESS["lobed"], "backscattering"),
+    material("glass", 6.31, 1.211, 0.006),
+)
+
+CORNER = (
+    plate("ahead", (10.0, 0.0, 0.0), (1.0, 8.0, 0.0), (0.0, 0.0, 8.0), "concrete", velocity=(-3.0, 1.0, 0.0)),
+    plate("side", (10.0, 6.0, 0.0), (10.0, 0.0, 0.0), (0.0, 1.0, 10.0), "metal"),
+    plate("ground", (10.0, 0.0, -2.0), (12.0, 0.0, 0.3), (0.0, 12.0, 0.0), "lobed"),
+)
+
+
+def decibels_of(ratio: float) -> float:
+    return float(10.0 * np.log10(ratio))
+
+
+def merged_of(*objects: SceneObject) -> MergedScene:
+    return merge_scene(Scene("test", objects), MATERIALS)
+
 
 pytestmark = pytest.mark.usefixtures("variant")
 

@@ -22,20 +22,6 @@ def drawn_cells(paths: int = 20_000, cells: int = 900):
     return cell, random.exponential(size=paths) * 10.0 ** ((cell % 17) - 8)
 
 
-def test_every_cell_keeps_its_power_and_no_more_than_so_many_paths():
-    cell, power = drawn_cells()
-    for most in (1, 2, 5, 8):
-        index, factor = thinned(cell, power, most, rng())
-        _, place = np.unique(cell, return_inverse=True)
-        before = np.bincount(place, power)
-        after = np.bincount(place[index], power[index] * factor, len(before))
-        np.testing.assert_allclose(after, before, rtol=1e-9)
-        np.testing.assert_array_equal(
-            np.bincount(place[index], minlength=len(before)), np.minimum(np.bincount(place), most)
-        )
-        assert (np.diff(index) > 0).all()
-
-
 def test_any_part_of_a_cell_has_its_power_on_average():
     power = np.array([30.0, 9.0, 4.0, 3.0, 2.0, 1.0, 1.0, 0.5, 1e-3])
     cell = np.zeros(len(power), dtype=np.int64)

@@ -1,23 +1,102 @@
-"""Bodies that turn: what the paths say of their motion against traces of two moments."""
+"""Unfolded mirrors, and bodies that turn: what paths say of motion against traces of two moments."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, box, plate
-from turning_scenes import TURN_DEG_PER_S, merged_of, turning
+from numpy.typing import NDArray
+from oracles import mirror_path, mirrored
+from sionna_scenes import FREQUENCY_HZ, MATERIALS, TURN_DEG_PER_S, box, plate, scene_of, turning
 
 from datafactory.paths.bodies import bodies_of
 from datafactory.paths.edges import edges_of
 from datafactory.paths.merged_scene import MergedScene, merge_scene
 from datafactory.paths.planes import Rim, planes_of
 from datafactory.paths.rays import RayFan
+from datafactory.paths.rows import image_seen_from_tx, tx_image_seen_from_rx
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import PathTable
 from datafactory.paths.trace import trace
 from datafactory.scenes.motion import Track
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene, SceneObject
+from shared.physics.vectors import unit
+
+Plane = tuple[NDArray[np.float64], NDArray[np.float64]]
+ORIGIN = np.zeros(3)
+
+
+def random_chain(
+    generator: np.random.Generator, mirrors: int, end: NDArray[np.float64]
+) -> tuple[list[Plane], NDArray[np.float64]]:
+    """Planes and vertices of a path from the origin to ``end`` on which every reflection is a real one."""
+    while True:
+        planes = [(generator.uniform(-15.0, 15.0, 3), unit(generator.normal(size=3))) for _ in range(mirrors)]
+        _, vertices = mirror_path(ORIGIN, end, planes)
+        chain = np.concatenate([[ORIGIN], vertices, [end]])
+        sides = [
+            ((chain[k] - plane[0]) @ plane[1], (chain[k + 2] - plane[0]) @ plane[1]) for k, plane in enumerate(planes)
+        ]
+        if all(before * after > 0.5 for before, after in sides) and np.abs(vertices).max() < 60.0:
+            return planes, vertices
+
+
+def moved(planes: list[Plane], velocities: NDArray[np.float64], time_s: float) -> list[Plane]:
+    return [(origin + velocity * time_s, normal) for (origin, normal), velocity in zip(planes, velocities, strict=True)]
+
+
+@pytest.mark.parametrize("mirrors", [0, 1, 2])
+def test_image_of_a_scatterer_behind_moving_mirrors(mirrors):
+    generator = np.random.default_rng(3)
+    for _ in range(10):
+        scatterer = generator.uniform(-8.0, 8.0, 3)
+        planes, vertices = random_chain(generator, mirrors, scatterer) if mirrors else ([], np.zeros((0, 3)))
+        velocities = generator.uniform(-10.0, 10.0, (mirrors + 1, 3))
+
+        def seen_from_tx(time_s, planes=planes, velocities=velocities, scatterer=scatterer):
+            image = scatterer + velocities[-1] * time_s
+            for plane in reversed(moved(planes, velocities[:-1], time_s)):
+                image = mirrored(image, plane)
+            return image
+
+        chain = np.concatenate([vertices, [scatterer]])[None]
+        position, velocity = image_seen_from_tx(chain, velocities[None], np.array([mirrors]))
+        np.testing.assert_allclose(position[0], seen_from_tx(0.0), atol=1e-8)
+        np.testing.assert_allclose(velocity[0], seen_from_tx(1.0) - seen_from_tx(0.0), atol=1e-8)
+
+
+def test_paths_of_different_numbers_of_mirrors_stand_together():
+    # Bounces after the scattering one do not change what the TX sees of it.
+    generator = np.random.default_rng(4)
+    scatterer, after = np.array([6.0, 1.0, 0.5]), np.array([3.0, -4.0, 1.0])
+    planes, vertices = random_chain(generator, 1, scatterer)
+    direct = np.stack([scatterer, after, after + 1.0])
+    mirrored_first = np.stack([vertices[0], scatterer, after])
+    position, velocity = image_seen_from_tx(
+        np.stack([direct, mirrored_first]), np.tile([1.0, 2.0, 3.0], (2, 3, 1)), np.array([0, 1])
+    )
+    np.testing.assert_allclose(position, [scatterer, mirrored(scatterer, planes[0])], atol=1e-9)
+    # Mirror and point move alike: so does the image.
+    np.testing.assert_allclose(velocity, np.tile([1.0, 2.0, 3.0], (2, 1)), atol=1e-9)
+
+
+@pytest.mark.parametrize("mirrors", [1, 2, 3])
+@pytest.mark.parametrize("moving", [False, True])
+def test_delay_law_of_mirrors_holds_for_every_pair_of_elements(mirrors, moving):
+    generator = np.random.default_rng(5)
+    for _ in range(10):
+        planes, vertices = random_chain(generator, mirrors, ORIGIN)
+        velocities = generator.uniform(-10.0, 10.0, (mirrors, 3)) * moving
+        image, velocity, axes = tx_image_seen_from_rx(vertices[None], velocities[None])
+        np.testing.assert_allclose(axes[0] @ axes[0].T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(axes[0]) == pytest.approx((-1.0) ** mirrors)
+        for _ in range(5):
+            tx, rx = generator.uniform(-0.3, 0.3, (2, 3))
+            time_s = generator.uniform(0.0, 0.02)
+            exact, _ = mirror_path(tx, rx, moved(planes, velocities, time_s))
+            law = np.linalg.norm(rx - (image[0] + velocity[0] * time_s + axes[0] @ tx))
+            assert law == pytest.approx(exact, abs=1e-8)
+
 
 STEP_S = 1e-5
 POSE = Pose((0.0, 0.0, 0.0), velocity=(1.0, 0.5, 0.0), time_s=0.2)
@@ -41,7 +120,7 @@ def later(pose: Pose, seconds: float = STEP_S) -> Pose:
 
 @pytest.mark.usefixtures("variant")
 def test_the_image_in_a_turning_mirror_moves_as_two_traces_say() -> None:
-    merged = merged_of(turning(PLATE), HOUSE)
+    merged = scene_of(turning(PLATE), HOUSE)
     now, then = (traced(merged, pose).specular for pose in (POSE, later(POSE)))
     assert len(now) == len(then) >= 1
     np.testing.assert_allclose(now.image_velocity, (then.image - now.image) / STEP_S, atol=5e-3)
@@ -50,7 +129,7 @@ def test_the_image_in_a_turning_mirror_moves_as_two_traces_say() -> None:
 @pytest.mark.usefixtures("variant")
 def test_chains_of_mirrors_have_the_range_rate_of_two_traces() -> None:
     wide = plate("wide", (8.0, 0.0, 0.0), (0.0, 16.0, 0.0), (0.0, 0.0, 3.0), "metal")
-    merged = merged_of(
+    merged = scene_of(
         turning(wide, yaw=-TURN_DEG_PER_S), plate("side", (5.0, 9.0, 0.0), (9.0, 0.0, 0.0), (0.0, 0.0, 9.0), "metal")
     )
     now, then = (traced(merged, pose, depth=2).specular for pose in (POSE, later(POSE, 1e-3)))
@@ -83,7 +162,7 @@ def test_what_scatters_on_a_turning_body_moves_with_its_point() -> None:
 @pytest.mark.usefixtures("variant")
 def test_the_speckle_of_a_turning_body_turns_with_it() -> None:
     """The same ray lattice, in the body's own frame, meets the same cells of the surface: the same phases."""
-    merged = merged_of(turning(CAR, yaw=90.0, forward=0.0)).at(1.0)
+    merged = scene_of(turning(CAR, yaw=90.0, forward=0.0)).at(1.0)
     triangle = np.arange(len(merged.meshes[0].triangles))
     corners = merged.meshes[0].vertices[merged.meshes[0].triangles]
     carried = merged.carried(triangle, corners.mean(axis=1), np.zeros(len(triangle), dtype=np.int64))
@@ -92,7 +171,7 @@ def test_the_speckle_of_a_turning_body_turns_with_it() -> None:
 
 
 def test_edges_of_a_turning_body_move_as_two_moments_say_and_others_are_kept() -> None:
-    merged = merged_of(turning(CAR), HOUSE)
+    merged = scene_of(turning(CAR), HOUSE)
     now, then = (edges_of(merged.at(time)) for time in (0.2, 0.2 + STEP_S))
     house = np.array([merged.objects[index] == "house" for index in now.object_index])
     assert house.any()
@@ -105,7 +184,7 @@ def test_edges_of_a_turning_body_move_as_two_moments_say_and_others_are_kept() -
 
 
 def test_boundaries_of_mirrors_that_rest_are_those_of_time_0() -> None:
-    merged = merged_of(turning(CAR), HOUSE)
+    merged = scene_of(turning(CAR), HOUSE)
 
     def rims(at: MergedScene, turned: bool) -> Rim:
         """Of the first triangle of what turns, or of what does not."""
@@ -118,7 +197,7 @@ def test_boundaries_of_mirrors_that_rest_are_those_of_time_0() -> None:
 
 
 def test_a_scene_at_rest_is_itself_at_all_times() -> None:
-    merged = merged_of(HOUSE)
+    merged = scene_of(HOUSE)
     assert merged.at(5.0) is merged
     assert edges_of(merged.at(5.0)) is edges_of(merged)
 
@@ -129,7 +208,7 @@ def test_a_shifted_scene_keeps_its_shape_and_shares_what_was_found_of_it() -> No
     lid = SceneObject(
         "lid", CAR.vertices + np.array([0.0, 0.0, 2.0]), CAR.triangles, "glass", motion=track
     ).as_it_moves()
-    merged = merged_of(car, lid, HOUSE)
+    merged = scene_of(car, lid, HOUSE)
     there = merged.at(0.5)
     assert bodies_of(there) is bodies_of(merged)
     assert there.shapes is merged

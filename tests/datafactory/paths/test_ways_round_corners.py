@@ -141,14 +141,6 @@ def test_two_ways_round_make_four_paths_and_a_wall_leaves_one():
     assert one.tx_point[0, 1] < 0.0
 
 
-@pytest.mark.usefixtures("variant")
-def test_a_target_in_a_closed_box_is_reached_by_nothing():
-    of = scene_of(box("safe", (8.0, -1.0, -1.0), (10.0, 1.0, 1.0), "metal"))
-    paths, counts = round_corner(of, (9.0, 0.0, 0.0), HOME, sight=partial(clear_between, sionna_scene(of).mi_scene))
-    assert len(paths) == 0
-    assert counts["targets_unreached"] == 1
-
-
 def test_the_strongest_edges_are_kept_and_the_rest_is_counted():
     of = scene_of(CORNER, plate("post", (6.0, -4.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 40.0), "glass"))
     everyone, all_counts = round_corner(of)
@@ -265,7 +257,9 @@ def test_far_targets_are_left_out_and_counted() -> None:
     # Another gait, for it has another number in the scene; the same cross section together, spread over a metre.
     for table in (echoes, reference):
         level = np.sum(np.abs(table.amplitude) ** 2 * table.range_m() ** 4)
-        assert level == pytest.approx(np.sum(np.abs(reference.amplitude) ** 2 * reference.range_m() ** 4), rel=1e-6)
+        assert level == pytest.approx(
+            np.sum(np.abs(reference.amplitude) ** 2 * reference.range_m() ** 4), rel=1e-6, abs=0.0
+        )
 
 
 @pytest.mark.filterwarnings("error")

@@ -135,28 +135,6 @@ def test_every_material_names_its_source_and_what_is_assumed():
         )
 
 
-permittivities = st.floats(1.01, 30.0)
-conductivities = st.floats(0.0, 100.0)
-angles = st.floats(0.0, math.pi / 2)
-
-
-@given(permittivities, conductivities, angles, st.sampled_from(["te", "tm"]))
-def test_reflectivity_is_a_fraction(permittivity, conductivity, angle, polarization):
-    value = float(fresnel_reflectivity(permittivity, conductivity, FREQUENCY_HZ, angle, polarization))
-    assert 0.0 <= value <= 1.0 + 1e-12
-
-
-@given(permittivities)
-def test_brewster_angle_has_no_tm_reflection(permittivity):
-    brewster = math.atan(math.sqrt(permittivity))
-    assert float(fresnel_reflectivity(permittivity, 0.0, FREQUENCY_HZ, brewster, "tm")) < 1e-12
-
-
-def test_a_lossless_substance_reflects_as_the_textbook_says_and_metal_everything():
-    assert fresnel_reflectivity(4.0, 0.0, FREQUENCY_HZ, 0.0, "te") == pytest.approx(1.0 / 9.0)
-    assert fresnel_reflectivity(1.0, 1e7, FREQUENCY_HZ, 0.0, "te") == pytest.approx(1.0, abs=2e-3)
-
-
 @given(st.floats(-60.0, -35.0), st.floats(3.0, 90.0))
 def test_scattering_coefficient_gives_back_its_sigma0(sigma0_db, grazing_deg):
     coefficient = scattering_coefficient_for_sigma0(sigma0_db, grazing_deg, 5.0, 30.0, FREQUENCY_HZ)

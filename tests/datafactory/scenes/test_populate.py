@@ -22,7 +22,7 @@ from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.things import Population, Strip
 from datafactory.scenes.traffic.arrange import REACH_M, Asked, parse_populate
 from datafactory.scenes.traffic.population import populated, recorded
-from datafactory.scenes.traffic.stretches import HORIZON_S, Course, length_of, plane_under, spaced
+from datafactory.scenes.traffic.stretches import HORIZON_S, Course, plane_under, spaced
 from shared.physics.errors import InputError
 
 STREET = Path(__file__).resolve().parents[3] / "scenes" / "street.usda"
@@ -230,8 +230,3 @@ def test_a_plane_under_a_strip_is_that_of_least_squares() -> None:
     assert found == pytest.approx(tuple(reference), abs=1e-12)
     off = np.abs(np.stack([np.ones(45), along, left], axis=1) @ reference - z).max()
     assert plane_under(ground, strip, (9, 5), 0.999 * off - 1e-12) is None
-
-
-def test_a_length_is_that_of_numpy() -> None:
-    vectors = np.random.default_rng(3).normal(size=(50, 3)) * 10.0 ** np.random.default_rng(4).uniform(-9, 9, (50, 1))
-    np.testing.assert_allclose([length_of(v) for v in vectors], np.linalg.norm(vectors, axis=1), rtol=3e-16)

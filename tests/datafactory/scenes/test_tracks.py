@@ -69,13 +69,6 @@ def test_uniform_motion_is_exact_at_any_rate() -> None:
         np.testing.assert_allclose(pose.velocity, [3.0, -2.0, 0.5], atol=1e-12)
 
 
-def test_the_velocity_is_the_derivative_of_the_place() -> None:
-    curve = circle(9)
-    poses = curve.resampled(1000.0)
-    place, velocity = np.array([p.position for p in poses]), np.array([p.velocity for p in poses])
-    np.testing.assert_allclose((place[2:] - place[:-2]) * 500.0, velocity[1:-1], atol=0.02)
-
-
 def test_a_bend_sampled_ten_times_a_second_is_a_bend() -> None:
     """At 10 m/s round a radius of 20 m: 0.2 mm off the circle at most, and 0.01 m/s of velocity, ends included."""
     curve = circle(32)

@@ -93,7 +93,7 @@ def test_solids_of_any_size_are_the_same_solid(radius: float) -> None:
     other, others = sphere(radius)
     assert len(other) == len(points)
     assert len(others) == len(triangles)
-    assert np.linalg.norm(other, axis=1) == pytest.approx(radius)
+    assert np.linalg.norm(other, axis=1) == pytest.approx(radius, rel=1e-6, abs=0.0)
 
 
 @pytest.mark.parametrize("attribute", ['string protoIndices = "x"', "double[] protoIndices = [0.5]"])

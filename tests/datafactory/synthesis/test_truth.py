@@ -172,16 +172,6 @@ def test_a_range_axis_shorter_than_the_skirts(samples):
     assert error_db(paths, radar, np.full(samples, 2), range(samples)) < STATIC_DB
 
 
-def test_velocity_beyond_the_unambiguous_one_folds_as_the_cube_does():
-    radar = truth_radar(64, 45)
-    waveform = radar.waveform
-    folded = waveform.chirps * waveform.velocity_step_mps
-    position = np.array([[4.5, 1.0, 0.0]])
-    ahead = position / np.linalg.norm(position)
-    paths = ScatteredPaths.of_points(position, (2.2 * folded + 0.4) * ahead, np.ones(1))
-    assert error_db(PathTable(paths), radar, nearest_cells(paths, radar), range(24, 44, 2)) < MOVING_DB
-
-
 def test_an_on_grid_target_reads_its_amplitude():
     radar = truth_radar(64, 45)
     u = radar.grid.u[23]

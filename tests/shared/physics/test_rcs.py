@@ -113,20 +113,6 @@ def test_dihedral_at_its_best_and_beside_it():
     assert rcs.dihedral_rcs_m2(0.1, 0.2, WAVELENGTH, 0.0, null) == pytest.approx(0.0, abs=1e-12 * peak)
 
 
-@pytest.mark.parametrize(("share", "plate_db", "cylinder_db"), [(1.0, 0.1, 0.2), (0.5, 0.5, 1.0), (0.25, 1.9, 4.0)])
-def test_what_is_lost_within_the_far_field(share, plate_db, cylinder_db):
-    """The stated losses: currents of a spherical wave, both ways, against those of a plane one."""
-    side = 0.1
-    x = strip(side, 1500)
-    for extent, stated, offsets in (
-        (side * np.sqrt(2.0), plate_db, x[:, None] ** 2 + x[None, :] ** 2),
-        (side, cylinder_db, x**2),
-    ):
-        distance = share * rcs.far_field_m(extent, WAVELENGTH)
-        longer = np.sqrt(distance**2 + offsets) - distance
-        assert -db(abs(np.mean(np.exp(-2j * WAVENUMBER * longer))) ** 2) == pytest.approx(stated, abs=0.05)
-
-
 def test_the_far_field_begins_where_the_rim_is_an_eighth_of_a_wavelength_late():
     distance = rcs.far_field_m(0.3, WAVELENGTH)
     late = 2.0 * (np.hypot(distance, 0.15) - distance)

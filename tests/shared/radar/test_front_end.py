@@ -15,7 +15,6 @@ from shared.radar.arrays import AntennaArray
 from shared.radar.front_end import Converter, FrontEnd, PhaseNoise
 from shared.radar.receiver import digitised, received, with_phase_noise
 from shared.radar.waveform import Waveform
-from shared.signal import chirp_times, if_signal
 from shared.signal.spectrum import range_doppler
 from shared.signal.windows import power_in_cell
 
@@ -41,7 +40,7 @@ def test_a_tone_of_full_scale_is_6_db_a_bit_above_its_quantisation(small_radar, 
     recorded = digitised(ideal, converter)
     error = np.mean(np.abs(recorded.cube.astype(complex) - ideal) ** 2)
     assert 10.0 * np.log10(np.mean(np.abs(ideal) ** 2) / error) == pytest.approx(6.02 * bits + 1.76, abs=0.1)
-    assert recorded.conversion_w == pytest.approx(error, rel=1e-3)
+    assert recorded.conversion_w == pytest.approx(error, rel=1e-3, abs=0.0)
 
 
 def test_what_is_too_strong_is_cut_off_and_counted(small_radar):
@@ -56,8 +55,8 @@ def test_what_is_too_strong_is_cut_off_and_counted(small_radar):
     assert digitised(tone(radar, 100.3, 0.99 * full_scale), Converter(bits=10, full_scale_dbm=-40.0)).saturated == 0
 
 
-@pytest.mark.parametrize("steps", [0.02, 0.5, 20.0])
-def test_what_the_converter_adds_to_noise_is_known(small_radar, steps):
+@pytest.mark.parametrize(("steps", "off"), [(0.02, 0.07), (0.5, 0.05), (20.0, 0.05)])
+def test_what_the_converter_adds_to_noise_is_known(small_radar, steps, off):
     """Of noise alone, so many steps strong: its power in the cells after both transforms."""
     radar = small_radar(samples=256, chirps=64)
     half = np.sqrt(radar.sample_noise_power_w / 2.0) / steps * 2**7
@@ -66,7 +65,7 @@ def test_what_the_converter_adds_to_noise_is_known(small_radar, steps):
     found = np.mean(np.abs(range_doppler(recorded.cube, radar)) ** 2)
     expected = power_in_cell(radar.sample_noise_power_w + recorded.conversion_w, radar.waveform)
     # Below a step the rounding is not independent of what is rounded: half a step, q^2 / 2, is all that there is.
-    assert found == pytest.approx(expected, rel=0.05)
+    assert found == pytest.approx(expected, rel=off, abs=0.0)
     assert recorded.conversion_w >= 0.99 * (half / 2**7) ** 2 / 6.0
 
 
@@ -102,28 +101,6 @@ def test_phase_noise_is_the_difference_of_the_oscillators_phases(small_radar, ra
     assert np.linalg.norm(expected) > 1e-5
     # What is left is the second order of the phase, and float32.
     assert np.linalg.norm(error - expected) < 5e-3 * np.linalg.norm(expected)
-
-
-def test_an_echo_without_delay_sees_its_own_oscillator(small_radar):
-    radar = small_radar(samples=64, chirps=2)
-    cube = with_phase_noise(tone(radar, 0), radar, PhaseNoise(level_dbc_per_hz=-80.0), np.random.default_rng(3))
-    np.testing.assert_allclose(cube, tone(radar, 0), atol=1e-6)
-
-
-def test_range_correlation_lifts_the_skirts_with_the_square_of_the_delay(small_radar):
-    # Near the carrier, pi f tau << 1, the spectrum is (2 pi f tau)^2 L(f).
-    radar = small_radar(samples=512, chirps=64).model_copy(update={"array": PAIR})
-    noise = PhaseNoise(level_dbc_per_hz=-90.0, loop_bandwidth_hz=1e5)
-    duration, bandwidth = radar.waveform.chirp_duration_s, radar.waveform.bandwidth_hz
-    for range_bin in (50, 200):
-        cube = with_phase_noise(tone(radar, range_bin), radar, noise, np.random.default_rng(1))
-        spectrum = np.fft.fft(cube[:, :, 0], axis=1) / 512
-        m = np.array([-9, -6, 6, 9])
-        power = np.mean(np.abs(spectrum[:, range_bin + m]) ** 2, axis=0)
-        density = 1e-9 / (1.0 + (m / duration / 1e5) ** 2)
-        expected = 4.0 * np.sin(np.pi * m / duration * range_bin / bandwidth) ** 2 * density / duration
-        np.testing.assert_allclose(10.0 * np.log10(power / expected), 0.0, atol=2.5)  # 64 draws: 0.5 dB each
-        assert 10.0 * np.log10(power.sum() / expected.sum()) == pytest.approx(0.0, abs=1.0)
 
 
 def test_all_receivers_share_the_oscillator_and_turns_do_not(small_radar):
@@ -172,33 +149,6 @@ def test_every_imperfection_is_applied_in_order_and_reproducibly(small_radar):
     assert one.tobytes() == digitised(by_hand, converter).cube.tobytes()
     # Without noise there is no phase noise either; the converter stays.
     assert received(ideal, radar, None).cube.tobytes() == digitised(ideal, converter).cube.tobytes()
-
-
-# Transmitters that take turns
-
-
-def tdm_pair(small_radar, **waveform):
-    """The same radar, all TX at once and in turns."""
-    return [
-        small_radar(samples=64, chirps=16, chirp_interval_s=161.2e-6, multiplexing=way, **waveform).model_copy(
-            update={"array": PAIR}
-        )
-        for way in ("simultaneous", "tdm")
-    ]
-
-
-def test_a_moving_targets_phase_turns_by_its_doppler_from_tx_to_tx(small_radar):
-    speed = 5.0
-    position, velocity = np.array([[40 * 0.149896229, 0.0, 0.0]]), np.array([[speed, 0.0, 0.0]])
-    at_once, in_turns = (if_signal(r, position, velocity, np.ones(1)) for r in tdm_pair(small_radar))
-    radar = tdm_pair(small_radar)[1]
-    turn = chirp_times(radar)[1, 0]
-    assert turn == pytest.approx(161.2e-6 / 2)
-    # Mean phase over the sweep: at mid-sweep, f_d = 2 v f / c with the sign of eq. (1).
-    doppler = 2.0 * speed * radar.waveform.mid_sweep_hz / 299_792_458.0
-    rotation = np.angle(np.sum(in_turns * at_once.conj(), axis=(0, 1)))
-    np.testing.assert_allclose(rotation[[0, 2]], 0.0, atol=1e-9)
-    np.testing.assert_allclose(rotation[[1, 3]], 2.0 * np.pi * doppler * turn, rtol=2e-3)
 
 
 # In a radar's file

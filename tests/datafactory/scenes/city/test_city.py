@@ -31,7 +31,7 @@ from datafactory.scenes.city.buildings import (
 )
 from datafactory.scenes.city.city import VERSION, city, models, write_city
 from datafactory.scenes.city.rules import RULES, Style
-from datafactory.scenes.city.shapes import Surface, framed_pane, prism, stepped_surface, welded
+from datafactory.scenes.city.shapes import Surface
 from datafactory.scenes.city.site import Placement
 from shared.physics.errors import InputError
 
@@ -241,41 +241,3 @@ def test_a_building_holds_its_walls_and_roof_less_its_recesses(shape: str) -> No
     roofs["hip"] = 0.5 * style.depth * rise * ridge + style.depth * style.depth * rise / 3.0
     expected = style.width * style.depth * style.eaves + roofs[shape] - recesses - door
     assert as_mesh(building(style)).volume == pytest.approx(expected, abs=0.05)
-
-
-def test_crowns_leave_room_for_lorries() -> None:
-    tallest = furniture.lorry().vertices[:, 2].max()
-    for radius in (1.0, 1.4):
-        tree = furniture.street_tree(np.random.default_rng(0), radius)
-        crown = {
-            vertex
-            for face, key in zip(tree.faces, tree.materials, strict=True)
-            if key == "vegetation"
-            for vertex in face
-        }
-        assert tree.vertices[list(crown), 2].min() >= tallest
-        assert np.linalg.norm(tree.vertices[list(crown), :2], axis=1).max() <= 1.2 * radius + 1e-3
-
-
-def test_prism_volume_and_outward_normals() -> None:
-    mesh = as_mesh(prism([(0, 0), (3, 0), (0, 2)], 1.0, 5.0, "metal"))
-    assert mesh.volume == pytest.approx(12.0)
-
-
-def test_stepped_surface_adds_the_kerb_to_the_flat_area() -> None:
-    polygons = stepped_surface([0.0, 2.0, 5.0], [0.0, 4.0], [[0.0], [0.12]], lambda i, j: ("asphalt", "concrete")[i])
-    mesh = as_mesh(welded(polygons))
-    assert mesh.area == pytest.approx(5.0 * 4.0 + 0.12 * 4.0)
-    kerb = np.isclose(mesh.face_normals[:, 0], -1.0)
-    assert kerb.sum() == 2
-    assert np.all(mesh.face_normals[~kerb, 2] > 0.99)
-    assert [polygon.material for polygon in polygons].count("concrete") == 2
-
-
-def test_framed_pane_lies_behind_its_outline_by_the_recess() -> None:
-    outline = np.array([(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (2.0, 0.0, 1.0), (0.0, 0.0, 1.0)])  # normal -y
-    panes = [item for item in framed_pane(outline, 0.1, 0.05, "wood") if item.material == "glass"]
-    assert len(panes) == 1
-    assert panes[0].corners == pytest.approx(
-        np.array([(0.1, 0.05, 0.1), (1.9, 0.05, 0.1), (1.9, 0.05, 0.9), (0.1, 0.05, 0.9)])
-    )

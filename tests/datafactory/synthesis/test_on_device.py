@@ -1,4 +1,4 @@
-"""The cube of torch's kernels against the float64 sum of eq. (1)-(2), with the bounds of the compiled kernels."""
+"""torch's kernels: the cube against the float64 sum with the compiled kernels' bounds, the truth near theirs."""
 
 from __future__ import annotations
 
@@ -8,16 +8,31 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from oracles import if_cube, relative_error
-from path_tables import a_table, radar_of
-from torch_devices import EVERY_DEVICE, required
+from path_tables import a_table, radar_of, truth_radar
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths, torch_kernels
 from datafactory.synthesis.device import arrays
 from datafactory.synthesis.motion import Recording
 from datafactory.synthesis.sorting import FLOAT32_TOLERANCE, sorted_paths
+from datafactory.synthesis.truth import truth_moments
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray, line
+from shared.signal.imaging import DEFAULT_TERMS
+
+EVERY_DEVICE = ("cpu", pytest.param("cuda", marks=pytest.mark.gpu))
+"""For ``pytest.mark.parametrize("device", ...)``, with :func:`required` at the start of the test."""
+
+
+def required(device: str) -> str:
+    """The device, or a skip that says why it is not there."""
+    if device == "cuda":
+        from datafactory.synthesis.cube import synthesis_problem
+
+        if (problem := synthesis_problem()) is not None:
+            pytest.skip(f"no CUDA device: {problem}")
+    return device
+
 
 SPACE = AntennaArray(
     tx_m=((0.0, -0.04, 0.01), (0.0, 0.03, -0.02)), rx_m=((0.01, 0.0, 0.0), (0.0, 0.03, -0.02), (0.0, 0.0, 0.04))
@@ -70,7 +85,7 @@ def test_cube_keeps_its_tolerance(device, tolerance, nearest_m, farthest_m, spee
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
 def test_motion_within_the_chirp_is_that_of_the_exact_kernel(device, tolerance):
-    # Which test_motion_within_the_chirp.py holds to the sum over all samples, at 1e-9.
+    # Which test_cube.py holds to the sum over all samples, at 1e-9.
     radar, table = radar_of(array=SPACE), slowed(a_table(np.random.default_rng(32), 12, 3.0), 0.8)
     exact = cube_of_paths(table, radar, 1e-9, intra_chirp=True)
     assert relative_error(cube_on(device, table, radar, tolerance, intra_chirp=True), exact) <= tolerance
@@ -108,3 +123,50 @@ def test_the_same_bytes_from_run_to_run_and_a_silent_cube_of_an_empty_table(devi
     silent = cube_on(device, PathTable(ScatteredPaths.none()), radar, tolerance)
     assert silent.shape == first.shape
     assert not silent.any()
+
+
+TERMS_LEFT_OUT = 2e-3
+"""Of compiled paths with fewer Doppler terms than the cell's most demanding one has: below DOPPLER_ERROR, 3e-3."""
+
+
+def some_cells(radar: Radar, seed: int) -> np.ndarray:
+    """[R] any Doppler cells."""
+    return np.random.default_rng(seed).integers(0, radar.waveform.chirps, radar.waveform.range_bins)
+
+
+def truth_on(device: str, table: PathTable, radar: Radar, cells: np.ndarray, intra_chirp: bool = False):
+    return torch_kernels(required(device)).truth(table, radar, cells, DEFAULT_TERMS, intra_chirp)
+
+
+@pytest.mark.parametrize(("seed", "intra_chirp"), [(42, False), (43, False), (45, True)])
+def test_moments_are_those_of_the_compiled_kernel(device, seed, intra_chirp):
+    # Paths of every kind, each row in any Doppler cell.
+    radar = truth_radar(64, 60)
+    table, cells = a_table(np.random.default_rng(seed), 30, 1.0), some_cells(radar, seed)
+    compiled = truth_moments(table, radar, cells, intra_chirp=intra_chirp)
+    made = truth_on(device, table, radar, cells, intra_chirp)
+    assert made.dtype == compiled.dtype == np.complex64
+    assert relative_error(made, compiled) < TERMS_LEFT_OUT
+
+
+def test_standing_paths_have_one_term_and_agree_to_rounding(device):
+    radar = truth_radar(64, 60, 4)
+    table = a_table(np.random.default_rng(44), 30, 1.0).at_rest(0.0)
+    cells = np.full(60, 2)
+    assert relative_error(truth_on(device, table, radar, cells), truth_moments(table, radar, cells)) < 1e-6
+
+
+def test_a_sensor_that_does_not_fill_its_last_block(device):
+    sensor = AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=line(np.linspace(-0.1, 0.1, 41)))
+    radar = truth_radar(64, 60).model_copy(update={"virtual_sensor": sensor})
+    table, cells = a_table(np.random.default_rng(46), 20, 1.0), some_cells(radar, 46)
+    made = truth_on(device, table, radar, cells)
+    assert made.shape == (DEFAULT_TERMS, 60, 41)
+    assert relative_error(made, truth_moments(table, radar, cells)) < TERMS_LEFT_OUT
+
+
+def test_the_same_bytes_from_run_to_run(device):
+    radar = truth_radar(64, 60)
+    table, cells = a_table(np.random.default_rng(47), 60, 1.0), some_cells(radar, 47)
+    assert truth_on(device, table, radar, cells).tobytes() == truth_on(device, table, radar, cells).tobytes()
+    assert not truth_on(device, PathTable(ScatteredPaths.none()), radar, cells).any()

@@ -1,11 +1,9 @@
-"""Which device a command takes, what stands in the manifest, what is refused, what the bytes depend on.
-
-Where there is no GPU, torch's cube on the processor stand in for it: all but the hardware is as it would be.
-"""
+"""What is settled before a run: the device, what is said of its inputs, and what is refused."""
 
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,7 @@ import pytest
 from factory_command import refused
 
 from datafactory.api import asking, making
-from datafactory.api.asking import device_of, order_of
+from datafactory.api.asking import device_of, load_scene, materials_of, order_of
 from datafactory.api.forecasting import forecast
 from datafactory.api.options import OrderOptions
 from datafactory.paths.backend import CudaDevice
@@ -23,6 +21,7 @@ from datafactory.run.memory import processes
 from datafactory.run.pipeline import Report
 from datafactory.run.preparation import prepare
 from datafactory.scenes.materials.table import load_materials
+from datafactory.scenes.scene import Scene
 from datafactory.synthesis import cube
 from shared.physics.errors import InputError
 from shared.processes.telling import Announce, silent
@@ -160,3 +159,47 @@ def test_kernels_that_cannot_be_had_are_refused(monkeypatch):
     assert cube.kernels_on("cpu") is cube.ON_CPU
     with pytest.raises(InputError, match=f"--device: cuda: {NO_TORCH}; expected torch for CUDA: pip install"):
         cube.kernels_on("cuda")
+
+
+TINY = Path(__file__).parents[3] / "scenes" / "tiny.usda"
+MAP = '[map]\n"bricks" = "glass"\n"brick" = "glass"\n"M_42" = "glass"\n'
+
+
+def said_of(radar: Radar, materials: Path | None = None) -> list[str]:
+    said = list[str]()
+    prepare(order_of(OrderOptions(TINY, radar=radar, frames=1)), materials_of(materials), said.append)
+    return said
+
+
+@pytest.mark.parametrize(("carrier_hz", "outside"), [(77e9, ""), (24e9, "(76 to 81 GHz)"), (97e9, "(76 to 81 GHz)")])
+def test_materials_beyond_the_range_of_their_source_are_named(carrier_hz: float, outside: str) -> None:
+    radar = Radar()
+    radar = radar.model_copy(update={"waveform": radar.waveform.model_copy(update={"carrier_hz": carrier_hz})})
+    said = [line for line in said_of(radar) if "the sources of these materials do not hold" in line]
+    assert len(said) == bool(outside)
+    assert all(line.startswith(f"tiny: at {carrier_hz / 1e9 + 0.5:g} GHz") and outside in line for line in said)
+
+
+def test_names_of_map_that_no_scene_has_are_said(tmp_path: Path) -> None:
+    (tmp_path / "materials.toml").write_text(MAP, encoding="utf-8")
+    line = "--materials: no material of the scenes has these names of [map]: bricks, M_42; did you mean 'brick'?"
+    assert line in said_of(Radar(), tmp_path / "materials.toml")
+    assert not any("[map]" in line for line in said_of(Radar()))
+
+
+def test_two_scenes_of_one_name_are_refused(tmp_path: Path) -> None:
+    """Frames name their scene: those of the one would be taken for those of the other."""
+    here, there = tmp_path / "one" / "tiny.usda", tmp_path / "other" / "tiny.usda"
+    for file in (here, there):
+        file.parent.mkdir()
+        shutil.copy(TINY, file)
+
+    def names(*scenes: Path | Scene) -> list[str]:
+        order = order_of(OrderOptions(list(scenes), radar=Radar(), frames=2))
+        return [scene.name for scene in prepare(order, materials_of(None)).job.scenes]
+
+    assert names(here, here, there) == ["tiny"] * 3  # of the same contents
+    assert names(here, load_scene(here, populate="poles=1")) == ["tiny"] * 2
+    there.write_text(there.read_text(encoding="utf-8").replace('"brick"', '"glass"'), encoding="utf-8")
+    with pytest.raises(InputError, match=r"--scene: .*one/tiny.usda and .*other/tiny.usda have one name, 'tiny'"):
+        names(here, there)

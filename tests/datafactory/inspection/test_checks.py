@@ -1,18 +1,135 @@
-"""Doctor: every missing thing is reported with its remedy, and nothing crashes."""
+"""What ``check``, ``scenes`` and ``doctor`` say: each missing thing with its remedy, and nothing crashes."""
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError
+from pathlib import Path
 
 import pytest
 import typer
+from factory_command import run
 from typer.testing import CliRunner
+from usd_files import CUBE, METRES_Z_UP, cube, ops, read, translated, write_usda
 
 from datafactory.cli.inspection import doctor as command
 from datafactory.inspection import doctor
 from datafactory.inspection.doctor import Finding
+from datafactory.inspection.scene import SceneReport, examine_scene
 from datafactory.paths.backend import CudaDevice
+from datafactory.scenes.materials.table import load_materials
+from datafactory.scenes.readers.common import sphere
+from datafactory.scenes.readers.open import named_scenes
 from shared.physics.errors import InputError
+
+BODY = f"""def Mesh "street" {{
+  point3f[] points = [(-60,-60,0),(60,-60,0),(60,60,0),(-60,60,0)]
+  int[] faceVertexCounts = [4]
+  int[] faceVertexIndices = [0, 1, 2, 3]
+  custom token radar:material = "asphalt"
+}}
+def Mesh "box" {{
+  {CUBE}
+  custom token radar:material = "mithril"
+  {translated(20, 0, 1)}
+}}
+def Mesh "bent" {{
+  point3f[] points = [(5,5,0), (6,5,0), (6,6,0), (6,6,0)]
+  int[] faceVertexCounts = [3, 3]
+  int[] faceVertexIndices = [0, 1, 2, 1, 2, 3]
+  custom token radar:material = "glass"
+}}
+def Mesh "wheel" {{
+  {CUBE}
+  custom token radar:material = "metal"
+  {ops(translate=(-20, 0, 2), rotateX={0: 0, 48: 720})}
+}}
+def Mesh "cart" {{
+  {CUBE}
+  custom token radar:material = "metal"
+  {ops(translate={0: (0, 20, 1), 24: (3, 20, 1)})}
+}}
+def Sphere "ball" {{
+  double radius = 0.5
+  {translated(-20, 10, 1)}
+}}
+def Xform "walker" {{
+  custom token radar:target = "pedestrian"
+  custom double3 radar:velocity = (0, 1.5, 0)
+  {translated(0, -20, 0)}
+}}
+def Camera "camera" {{
+}}
+def BasisCurves "wire" {{
+}}"""
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> SceneReport:
+    folder = tmp_path_factory.mktemp("check")
+    return examine_scene(read(folder, BODY, f"{METRES_Z_UP}\n timeCodesPerSecond = 24"), load_materials())
+
+
+def test_counts_sizes_and_what_materials_became(report: SceneReport) -> None:
+    triangles = 2 + 12 + 1 + 12 + 12 + len(sphere(0.5)[1])
+    assert (report.objects, report.triangles, report.point_targets) == (6, triangles, 1)
+    assert report.size_m == pytest.approx((120, 120, 3))
+    uses = {item.name: item for item in report.materials}
+    assert [uses[name].known for name in ("asphalt", "mithril", "glass", "metal")] == [True, False, True, True]
+    assert (uses["metal"].objects, uses["metal"].triangles) == (2, 24)
+    assert uses["metal"].area_m2 == pytest.approx(48.0)
+    assert uses["asphalt"].area_m2 == pytest.approx(120.0**2)
+
+
+def test_what_moves_and_until_when(report: SceneReport) -> None:
+    motions = {item.kind: item for item in report.motions}
+    assert (motions["straight on"].fastest_mps, motions["straight on"].rests_from_s) == (1.5, None)
+    assert (motions["along a track"].fastest_mps, motions["along a track"].rests_from_s) == (3.0, 1.0)
+    turning = motions["turns or changes its size"]
+    assert turning.fastest_mps == pytest.approx(
+        6.2832 * 2**0.5, rel=1e-3
+    )  # 2 turns in 2 s, corners 1.41 m off the axle
+    assert turning.rests_from_s == 2.0
+
+
+def test_what_is_dropped_and_what_to_know(report: SceneReport) -> None:
+    assert "1 triangles without area dropped" in report.dropped
+    assert "1 prims of type BasisCurves ignored" in report.dropped
+    assert all(area > 0.0 for area in report.ground_m2.values())
+    text = "\n".join(report.remarks)
+    assert "glass let waves through" in text
+    assert "triangles sample 1 curved surfaces" in text
+    assert "7 rims of open sheets" in text  # four of the street, three of the bent pane
+    assert "1 objects turn or deform" in text
+    json.dumps(asdict(report))
+
+
+def test_the_command_prints_it_and_json(tmp_path: Path) -> None:
+    path = write_usda(tmp_path, f'def Mesh "m" {{\n{CUBE}\n}}')
+    shown = run("check", "--scene", path)
+    for part in ("1 objects, 12 triangles, 0 point targets; 2 x 2 x 2 m", "nothing moves", "no sensor can be drawn"):
+        assert part in shown
+    assert json.loads(run("check", "--scene", path, "--json"))["triangles"] == 12
+
+
+def test_variants_and_missing_geometry_are_options_of_the_command(tmp_path: Path) -> None:
+    path = write_usda(tmp_path, f'{cube("m")}\ndef "lost" (references = @gone.usd@) {{\n}}')
+    asked = ("check", "--scene", path, "--allow-missing", "--json")
+    assert any("gone.usd" in line for line in json.loads(run(*asked))["dropped"])
+    with pytest.raises(InputError, match="--variant: no prim has a variant set 'body'"):
+        run(*asked, "--variant", "body=high")
+
+
+def test_scenes_are_listed_by_the_names_that_scene_takes() -> None:
+    names = {item.name: item for item in named_scenes()}
+    assert {"shipped:street", "shipped:tiny", "shipped:effects/wall", "sionna:munich"} <= names.keys()
+    assert names["shipped:street"].bytes > 5e5
+    assert "Test range" in names["shipped:test_range"].about
+    shown = run("scenes")
+    assert "shipped:street" in shown
+    assert "sionna:munich" in shown
+
 
 application = typer.Typer()
 application.command()(command)

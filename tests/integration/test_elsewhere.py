@@ -1,21 +1,31 @@
-"""Datasets written to object storage are those written to a disk, byte for byte, through kills and a store that fails.
-
-The store is moto's S3 server; the credentials stand in the environment.
-"""
+"""Runs elsewhere, on object storage or by Ray, are those on this disk, byte for byte, through kills and failures."""
 
 from __future__ import annotations
 
 import json
+import os
+import re
 import signal
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import psutil
 import pytest
-from factory_command import ended
+import ray_work
+from factory_command import ended, shards
+from ray_cluster import add_node, kill_node, ray_cluster
 from s3_server import KEY, SECRET, Server
+
+from datafactory import RunFailed, render
+from datafactory.run import pipeline, preparation
+from shared.physics.errors import InputError
 
 SCENES = Path(__file__).parents[2] / "scenes"
 POINTS = ("points", "--frames", 30, "--seed", 3, "--workers", 1)
@@ -145,21 +155,6 @@ def test_a_store_that_fails_in_mid_run_is_one_line_and_resumed(workers, status, 
     assert but_made(stored(server, name)) == reference
 
 
-def test_a_store_that_cannot_be_written_is_bad_input(server, radar_file):
-    nowhere = command(*POINTS, "--radar", radar_file, "--out", server.uri("set", bucket="nowhere"))
-    assert nowhere.status == 2
-    assert "--out: s3://nowhere/set: the store answers NoSuchBucket" in nowhere.err
-    server.fail(method="", path="", status=403)
-    denied = command(*POINTS, "--radar", radar_file, "--out", server.uri("denied"))
-    server.mend()
-    assert denied.status == 2
-    assert "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY" in denied.err
-    away = command(*POINTS, "--radar", radar_file, "--out", "s3://b/set?scheme=http&endpoint_override=127.0.0.1:9")
-    assert away.status == 2
-    assert "the store does not answer" in away.err
-    assert server.keys("denied") == []
-
-
 def test_traced_paths_lie_in_the_store_as_well(server, radar_file, tmp_path):
     asked = ("--radar", radar_file, "--workers", 1)
     traced = ("trace", SCENES / "tiny.usda", "--frames", 2, "--rays", 500, "--effects", "diffuse,noise", *asked)
@@ -174,3 +169,154 @@ def test_traced_paths_lie_in_the_store_as_well(server, radar_file, tmp_path):
         assert but_made(stored(server, name)) == but_made({key: value for key, value in files.items() if value})
     done = command("view", "--paths", server.uri("paths"), "--radar", radar_file, "--out", tmp_path / "page.html")
     assert done.status == 0, done.err
+
+
+FRAMES = 40
+DEADLY = "test/part-00000.parquet"
+"""Has the frame that :class:`ray_work.DeadlyJob` dies of."""
+ENDS_S = 60.0
+"""Within this what was killed has ended."""
+
+WAITING = r"no node of the cluster has a core and 0\.\d GB of memory for tasks: waiting"
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    with ray_cluster(2) as found:
+        yield found
+
+
+def made(out: Path, radar_file: Path, **more: Any) -> pipeline.Report:
+    """40 frames of close targets in seven shards."""
+    return render(None, out, radar=radar_file, frames=0, points=FRAMES, split="2:1:1", **more)
+
+
+@pytest.fixture(scope="module")
+def on_disk(tmp_path_factory: pytest.TempPathFactory, radar_file: Path) -> dict[str, bytes]:
+    out = tmp_path_factory.mktemp("on_disk") / "data"
+    made(out, radar_file)
+    return shards(out)
+
+
+def tasks() -> list[psutil.Process]:
+    """Processes of this machine that make frames for a cluster."""
+    found = []
+    for process in psutil.process_iter():
+        with suppress(psutil.Error):
+            if "make_portion" in " ".join(process.cmdline()):
+                found.append(process)
+    return found
+
+
+def test_all_nodes_are_lost_and_replaced(
+    cluster: Any, radar_file: Path, on_disk: dict[str, bytes], tmp_path: Path
+) -> None:
+    done_frames, lines = list[int](), list[str]()
+
+    def progress(stage: str, done: int, total: int) -> None:
+        assert (stage, total) == ("frames", FRAMES)
+        done_frames.append(done)
+        if done > 0 and not killed:
+            for node in list(cluster.worker_nodes):
+                killed.append(node)
+                kill_node(cluster, node)
+
+    def announce(line: str) -> None:
+        lines.append(line)
+        if "waiting" in line:
+            add_node(cluster)
+            add_node(cluster)
+
+    killed = list[Any]()
+    out = tmp_path / "data"
+    report = made(out, radar_file, engine="ray", address=cluster.address, announce=announce, progress=progress)
+    assert len(killed) == 2
+    assert lines[0] == "Ray: 2 nodes to work on"
+    assert [line for line in lines[1:] if not re.fullmatch(WAITING, line)] == []
+    assert len(lines) == 2
+    assert shards(out) == on_disk
+    assert (report.shards_made, report.shards_kept) == (len(on_disk), 0)
+    assert done_frames[-1] == FRAMES
+
+
+def test_a_deadly_portion_is_named_and_the_rest_unharmed(
+    cluster: Any,
+    radar_file: Path,
+    on_disk: dict[str, bytes],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """Begun on Ray, finished on this machine."""
+    out, lines = tmp_path / "data", list[str]()
+    with monkeypatch.context() as patch:
+        patch.setattr(preparation, "Job", ray_work.DeadlyJob)
+        died = rf"^{DEADLY}, frames 3 to 31: three worker processes died of it, its process ended, .*--resume"
+        with pytest.raises(RunFailed, match=died):
+            made(out, radar_file, engine="ray", address=cluster.address, keep_going=True)
+    rest = {path: content for path, content in on_disk.items() if path != DEADLY}
+    assert shards(out) == rest
+    report = made(out, radar_file, resume=True, announce=lines.append)
+    assert (report.shards_made, report.shards_kept) == (1, len(rest))
+    assert shards(out) == on_disk
+    assert lines == []
+    assert capfd.readouterr() == ("", "")  # Ray says at length that a process died
+
+
+def test_nothing_outlives_a_command_that_is_killed(
+    cluster: Any, radar_file: Path, on_disk: dict[str, bytes], tmp_path: Path
+) -> None:
+    """Begun in a command on Ray, killed, finished there."""
+    out = tmp_path / "data"
+    command = [sys.executable, "-m", "datafactory", "points", "--frames", str(FRAMES), "--split", "2:1:1"]
+    command += ["--radar", str(radar_file), "--out", str(out), "--engine", "ray", "--address", cluster.address]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    while not (at_work := tasks()):
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.05)
+    family = [*psutil.Process(process.pid).children(recursive=True), *at_work]
+    process.send_signal(signal.SIGKILL)
+    assert process.communicate()[1] == ""
+    assert not psutil.wait_procs(family, timeout=ENDS_S)[1]
+    assert not (out / "manifest.json").exists()
+    made(out, radar_file, engine="ray", address=cluster.address, workers=1, resume=True)
+    assert shards(out) == on_disk
+
+
+def test_a_ray_of_the_runs_own_is_lost(radar_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without an address, and no cluster on this machine: it is started, and ends with the run."""
+    with tempfile.TemporaryDirectory(prefix="ray-", dir="/tmp") as folder:
+        monkeypatch.setenv("RAY_TMPDIR", folder)
+        monkeypatch.setenv("RAY_worker_niceness", "0")
+        own = list[psutil.Process]()
+
+        def progress(stage: str, done: int, total: int) -> None:
+            if done > 0 and not own:
+                (raylet,) = (
+                    item
+                    for item in psutil.Process().children(recursive=True)
+                    if folder in " ".join(item.cmdline()) and item.name() == "raylet"
+                )
+                own.extend([raylet, *raylet.children()])
+                raylet.kill()
+
+        with pytest.raises(RunFailed, match=r"^--engine ray: the connection to the cluster is lost: .*--resume"):
+            made(tmp_path / "data", radar_file, engine="ray", progress=progress)
+        assert len(own) > 2
+        assert not psutil.wait_procs(own, timeout=ENDS_S)[1]
+
+
+def test_a_node_of_another_version_is_refused(cluster: Any, radar_file: Path, tmp_path: Path) -> None:
+    other = tmp_path / "numpy-1.0.dist-info"
+    other.mkdir()
+    (other / "METADATA").write_text("Metadata-Version: 2.1\nName: numpy\nVersion: 1.0\n", encoding="utf-8")
+    path = os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]])
+    node = add_node(cluster, env_vars={"PYTHONPATH": path})
+    try:
+        with pytest.raises(InputError, match=r"^--engine: node .*: numpy is 1\.0 there, .* here; expected the same"):
+            made(tmp_path / "data", radar_file, engine="ray", address=cluster.address)
+    finally:
+        kill_node(cluster, node)
+    assert not (tmp_path / "data").exists()
