@@ -195,6 +195,20 @@ def test_tracks_of_different_splits_that_meet_are_told() -> None:
     assert Deal(split="1:0:0", scenes=1, tracks=deal.tracks, track_scenes=(0, 0, 0)).remarks() == []
 
 
+def test_drawn_drives_that_are_slow_or_alike_are_said() -> None:
+    tracks = tuple(
+        tuple(replace(pose, velocity=(speed, 0.0, 0.0)) for pose in track(5, y))
+        for y, speed in ((0.0, 10.0), (0.1, 9.0), (9.0, 4.0))
+    )
+    drives = Drives(speed_mps=10.0)
+    deal = Deal(split="1:0:0", scenes=1, tracks=tracks, track_scenes=(0, 0, 0), drives=drives)
+    assert deal.remarks() == [
+        "1 of 3 drives have less than half of 10 m/s: their streets are short",
+        "1 of 3 drives go the way of an earlier one, perhaps at another time",
+    ]
+    assert replace(deal, drives=None).remarks() == []
+
+
 def test_scenes_without_a_frame_are_said() -> None:
     traffic = tuple(Movers(Scene(name, (CAR,))) for name in "abc")
     rest = "2 of 3 scenes have no frame: b, c"

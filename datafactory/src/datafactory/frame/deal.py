@@ -18,6 +18,8 @@ from functools import cached_property
 from itertools import accumulate, combinations
 from typing import Literal
 
+import numpy as np
+
 from datafactory.defaults import DEFAULT_PATTERN
 from datafactory.frame.draws import drawn_scene, frame_seed, generator, sequence_seed, split_of
 from datafactory.frame.points import PointTargets
@@ -35,6 +37,9 @@ from shared.dataset.locations import Location
 SOLVER_SEEDS = 2**31
 """The solver takes seeds below 2**32; half of that fits every signed integer of its interface."""
 Kind = Literal["scene", "points"]
+SLOW, ALIKE_M = 0.5, 0.5
+"""Share of the speed that is asked for, below which a drawn drive is said; and how near to another it is one with it
+[m]."""
 
 
 @dataclass(frozen=True)
@@ -275,9 +280,9 @@ class Deal(Wanted):
         )
 
     def remarks(self) -> list[str]:
-        """What to say of scenes without a frame, of poses at which everything that had samples stands still, of tracks
-        of different splits that come near each other, and of given poses that something of a population drives or
-        walks through."""
+        """What to say of scenes without a frame, of poses at which everything that had samples stands still, of drawn
+        drives that are slow or alike, of tracks of different splits that come near each other, and of given poses that
+        something of a population drives or walks through."""
         said, poses = list[str](), self.given
         # Dealt in turn, the first frames, or sequences, are those of the first scenes, one each.
         idle = [movers.scene for movers in self.traffic[len(self.tracks) or self.scene_frames :]]
@@ -287,6 +292,7 @@ class Deal(Wanted):
             if late := sum(pose.time_s >= movers.rests_from_s for pose in poses):
                 from_when = f"{movers.rests_from_s:g} s, from when on what has samples rests"
                 said.append(f"{movers.scene}: {late} of {len(poses)} poses are not before {from_when}")
+        said += self._remarks_on_drives()
         for one, other in combinations(range(len(self.tracks)), 2):
             splits = split_of(one, self.split), split_of(other, self.split)
             if splits[0] == splits[1] or self.track_scenes[one] != self.track_scenes[other]:
@@ -299,6 +305,26 @@ class Deal(Wanted):
         near = sum(movers.populated_s is not None and not movers.clear_of([pose]) for movers, pose in given)
         if near:
             said.append(f"{near} of {len(given)} poses are within {CLEAR_M:g} m of what drives or walks by")
+        return said
+
+    def _remarks_on_drives(self) -> list[str]:
+        """What to say of drawn drives whose streets are too short for their speed, or few."""
+        if self.drives is None:
+            return []
+        said, count = list[str](), len(self.tracks)
+        ways = [np.array([pose.position for pose in track]) for track in self.tracks]
+        mean_mps = [np.linalg.norm([pose.velocity for pose in track], axis=1).mean() for track in self.tracks]
+        asked = self.drives.speed_mps or 0.0
+        if slow := sum(speed < SLOW * asked for speed in mean_mps):
+            said.append(f"{slow} of {count} drives have less than half of {asked:g} m/s: their streets are short")
+        alike = {
+            other
+            for one, other in combinations(range(count), 2)
+            if self.track_scenes[one] == self.track_scenes[other]
+            and all(np.linalg.norm(a - b) < ALIKE_M for a, b in zip(ways[one], ways[other], strict=False))
+        }
+        if alike:
+            said.append(f"{len(alike)} of {count} drives go the way of an earlier one, perhaps at another time")
         return said
 
 
