@@ -31,7 +31,13 @@ from shared.signal.imaging import delay_and_sum
 WORLD, RADAR = "world", "radar"
 GAP_S = 1.0
 """Between two sequences, and two frames whose times do not rise: those of drawn poses are all at time 0."""
-COLOURS = {"car": (0.12, 0.47, 0.71), "pedestrian": (0.84, 0.15, 0.16), "bicycle": (1.0, 0.5, 0.05)}
+COLOURS = {
+    "car": (0.12, 0.47, 0.71),
+    "truck": (0.58, 0.4, 0.74),
+    "bus": (0.58, 0.4, 0.74),
+    "pedestrian": (0.84, 0.15, 0.16),
+    "bicycle": (1.0, 0.5, 0.05),
+}
 OTHER_COLOUR = (0.5, 0.5, 0.5)
 
 POINT = np.dtype([(name, "<f4") for name in ("x", "y", "z", "velocity", "amplitude_db")])

@@ -208,18 +208,6 @@ def test_snapshot_features_are_the_rows_and_their_noise(generator):
 
 
 @pytest.mark.parametrize("rule", ["iaa", "likes"])
-def test_iterations_go_on_from_given_powers(generator, rule):
-    channels = chosen("sparse4")
-    x, noise, _ = echoes(generator, channels, rows=2)
-    tables = adaptive_tables(RADAR, channels)
-    first = adaptive_powers(x, noise, tables, 2, rule)
-    np.testing.assert_array_equal(
-        adaptive_powers(x, noise, tables, 3, rule, start=first), adaptive_powers(x, noise, tables, 5, rule)
-    )
-    np.testing.assert_array_equal(adaptive_powers(x, noise, tables, 0, rule, start=first), first)
-
-
-@pytest.mark.parametrize("rule", ["iaa", "likes"])
 def test_a_prior_multiplies_the_powers_of_each_iteration(rule):
     """Three iterations written out; NumPy and torch alike; a flat one changes no bit."""
     generator, channels = np.random.default_rng(8), chosen("sparse6")

@@ -70,10 +70,19 @@ class Price(BaseModel, frozen=True, extra="forbid"):
     paths: float
 
 
+PriceList = dict[tuple[str, float], Price]
+"""By knob and value."""
+
+
 class Prices(BaseModel, frozen=True, extra="forbid"):
     """The prices of a scene; of paths alone those of power knobs."""
 
     prices: tuple[Price, ...]
+
+    @property
+    def by_setting(self) -> PriceList:
+        """The prices by knob and value."""
+        return {(price.knob, price.value): price for price in self.prices}
 
 
 class Bench:
@@ -157,10 +166,6 @@ def measure_prices(samples: Sequence[Sample], menu: Menu, advance: Progress) -> 
     return Prices(prices=tuple(prices))
 
 
-PriceList = dict[tuple[str, float], Price]
-"""By knob and value."""
-
-
 def work(knobs: KnobSettings, paths: float, radar: Radar) -> float:
     """Seconds of one core for a frame, by fixed rates.
 
@@ -198,7 +203,7 @@ def choose(scenes: Sequence[Prices], menu: Menu, budget_db: float, radar: Radar)
     still kept where they can be; and of equals the cheapest.
     """
     choices, usual = [], menu.usual
-    lists = [{(price.knob, price.value): price for price in prices.prices} for prices in scenes]
+    lists = [prices.by_setting for prices in scenes]
     for values in itertools.product(*(getattr(menu, knob) or (getattr(usual, knob),) for knob in KNOBS)):
         settings = KnobSettings(*values)
         cost = trace_work(settings)
@@ -214,7 +219,7 @@ def choose(scenes: Sequence[Prices], menu: Menu, budget_db: float, radar: Radar)
 
 def predicted(prices: Prices, settings: KnobSettings) -> Errors:
     """What settings should err by together."""
-    return _together([_chosen({(price.knob, price.value): price for price in prices.prices}, settings)])
+    return _together([_chosen(prices.by_setting, settings)])
 
 
 def _chosen(prices: PriceList, settings: KnobSettings) -> dict[str, Price]:

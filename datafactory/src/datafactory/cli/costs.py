@@ -90,7 +90,6 @@ def accuracy(asked: AccuracyOptions) -> None:
     from datafactory.paths.backend import set_threads
     from datafactory.run.preparation import prepare
     from shared.cli.progress import bars
-    from shared.processes.declared import common
 
     scene, out, quick = asked.scene, asked.out, asked.quick
     if scene is None:

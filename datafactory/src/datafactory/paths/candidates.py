@@ -30,7 +30,7 @@ Float = NDArray[np.float32]
 class Candidates(Columns):
     """N of them, in the radar frame.
 
-    :param family: [N] ``EDGE`` to ``CHAIN``
+    :param family: [N] ``EDGE`` to ``PASSED``
     :param departure: [N, 3] point at which the TX sees it [m]; :param arrival: [N, 3] at which the RX does [m]
     :param range_m: [N] half of the way from and to the origin [m]
     :param power: [N] what the square of its amplitude, or of the sum of its amplitudes, does not exceed; isotropic

@@ -40,12 +40,7 @@ class EchoPoints(Columns):
 
     def seen_by(self, pose: Pose) -> EchoPoints:
         """The same points in the radar frame, velocities relative to the radar."""
-        rotation = pose.rotation()
-        return replace(
-            self,
-            position=(self.position - np.asarray(pose.position)) @ rotation,
-            velocity=(self.velocity - np.asarray(pose.velocity)) @ rotation,
-        )
+        return replace(self, position=pose.seen(self.position), velocity=pose.seen_velocity(self.velocity))
 
     def amplitudes(self, wavelength_m: float) -> Real:
         """[K] lambda sqrt(sigma) / (4 pi)^(3/2) [m^2]: of their echoes before either leg spreads it."""

@@ -111,8 +111,7 @@ class MergedMesh:
 
     def seen_from(self, pose: Pose) -> NDArray[np.float32]:
         """[V, 3] vertices in the radar frame [m]."""
-        world = self.vertices + self.shift - np.asarray(pose.position)
-        return (world @ pose.rotation()).astype(np.float32)
+        return pose.seen(self.vertices + self.shift).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)

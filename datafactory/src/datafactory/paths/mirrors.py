@@ -5,7 +5,7 @@ The solver finds that echo only if a ray hits the facet. The amplitude at the di
 
     A = conj(Gamma) sqrt(1 - S^2) lambda / (4 pi 2 R) F,
 
-with Gamma the slab's reflection coefficient at normal incidence (ITU-R P.2040-3, eq. (37)), S the scattering
+with Gamma the slab's reflection coefficient at normal incidence (:mod:`datafactory.paths.slabs`), S the scattering
 coefficient, and F the factor of the facet's size (:mod:`datafactory.paths.facets`). The echo has no cross-polarised
 part. Mirrors in the front half space count, into which rays are sent.
 

@@ -42,10 +42,10 @@ def _of_surfaces(part: Bundle, view: View) -> Complex:
         if settings.finite_mirrors and len(smooth):
             of_smooth = part.interactions.take(smooth, axis=0)
             vertices = part.vertices.take(smooth, axis=0)
-            lengths = segment_lengths(vertices)
-            before = _unfolded_before(lengths, of_smooth, step)
+            segments = segment_lengths(vertices)
+            before = _unfolded_before(segments, of_smooth, step)
             back = part.interactions.shape[1] - 1 - step
-            after = _unfolded_before(lengths[:, ::-1], of_smooth[:, ::-1], back)
+            after = _unfolded_before(segments[:, ::-1], of_smooth[:, ::-1], back)
             towards = np.diff(with_ends(vertices)[:, step : step + 2], axis=1)[:, 0]
             factor[smooth] *= view.reflected_share(
                 part.triangles[smooth, step], vertices[:, step], towards, before, after
@@ -53,13 +53,13 @@ def _of_surfaces(part: Bundle, view: View) -> Complex:
     return factor
 
 
-def _unfolded_before(lengths: Real, interactions: Index, step: int) -> Real:
+def _unfolded_before(segments: Real, interactions: Index, step: int) -> Real:
     """[n] length of the path [m] from the last point where the wave spread, antenna or diffuse bounce, to ``step``."""
-    total = lengths[:, step].copy()
+    total = segments[:, step].copy()
     unbroken = np.ones(len(total), dtype=bool)
     for earlier in range(step - 1, -1, -1):
         unbroken &= interactions[:, earlier] == SPECULAR
-        total += np.where(unbroken, lengths[:, earlier], 0.0)
+        total += np.where(unbroken, segments[:, earlier], 0.0)
     return total
 
 
@@ -89,9 +89,9 @@ def scattered_rows(part: Bundle, view: View, fan: RayFan) -> list[ScatteredPaths
     tx_point, tx_velocity = image_seen_from_tx(part.vertices, velocities, mirrors)
     first = part.vertices[rows, mirrors]
     # Between the first diffuse bounce and the last there may be others, or mirrors: their length is one number.
-    lengths = segment_lengths(part.vertices)
+    segments = segment_lengths(part.vertices)
     inner = np.arange(depth + 1)[None, :]
-    between = np.where((inner > mirrors[:, None]) & (inner < depth), lengths, 0.0).sum(axis=1)
+    between = np.where((inner > mirrors[:, None]) & (inner < depth), segments, 0.0).sum(axis=1)
     direction = unit(part.vertices[:, -1] - first)
     rate = np.einsum("ni,ni->n", direction, velocities[:, -1] - velocities[rows, mirrors])
     paths = ScatteredPaths(

@@ -45,7 +45,7 @@ INTEGERS = {"depth": np.int8, "object_index": np.int32, "kinds": np.uint8, "cand
 
 VERSION = b"8"
 """Of the paths' columns; 2 added ``kinds``, 3 ``scene_number``, 4 ``sequence``, 5 ``things``, 6
-``scattered_two_points``, 7 the candidates."""
+``scattered_two_points``, 7 the candidates, and with 8 specular paths count from the origin."""
 
 AS_IT_IS = ("frame_id", "scene", "scene_number", "sequence", "seed", "wavelength_m", "point_targets")
 """Columns that a frame has under the same name."""
@@ -148,7 +148,7 @@ def to_row(frame: TracedFrame) -> dict[str, Any]:
 def _differ(first: Real, second: Real) -> Mask:
     """[K] whether two vectors [K, 3] differ in any bit."""
     ours, theirs = (np.ascontiguousarray(vectors, dtype=np.float64).view(np.int64) for vectors in (first, second))
-    return np.any(ours != theirs, axis=1, keepdims=True)[:, 0]
+    return np.any(ours != theirs, axis=1)
 
 
 def from_row(batch: pa.RecordBatch) -> TracedFrame:

@@ -185,9 +185,7 @@ class TargetEchoes:
         crossed = settings.polarization[0] != settings.polarization[1]
         self._circumstances = Seen(view.wavelength_m, pose.time_s, crossed, seed)
         targets = view.merged.targets
-        self._away = (
-            np.array([target.position for target in targets]).reshape(-1, 3) - np.asarray(pose.position)
-        ) @ view.rotation
+        self._away = pose.seen(np.array([target.position for target in targets]).reshape(-1, 3))
         self._nominal = np.array([float(db_to_power(target.rcs_dbsm)) for target in targets])
         away_m = lengths(self._away)
         self._loudness = self._nominal / np.maximum(away_m, NEAREST_M) ** 4

@@ -66,10 +66,12 @@ _LARGEST = "1M<n<10M"
 
 
 UNKNOWN = "unknown"
+# Of the licences for data those that the Hub knows by name (https://huggingface.co/docs/hub/repositories-licenses):
+# SPDX identifiers in small letters. Those named otherwise there stand with their names.
 _ON_THE_HUB = {
     name: name
     for name in (
-        "apache-2.0", "mit", "bsd-2-clause", "bsd-3-clause", "bsd-3-clause-clear", "c-uda-1.0", "cc0-1.0", "cc-by-2.0",
+        "apache-2.0", "mit", "bsd-2-clause", "bsd-3-clause", "bsd-3-clause-clear", "cc0-1.0", "cc-by-2.0",
         "cc-by-2.5", "cc-by-3.0", "cc-by-4.0", "cc-by-sa-3.0", "cc-by-sa-4.0", "cc-by-nc-2.0", "cc-by-nc-3.0",
         "cc-by-nc-4.0", "cc-by-nd-4.0", "cc-by-nc-nd-3.0", "cc-by-nc-nd-4.0", "cc-by-nc-sa-2.0", "cc-by-nc-sa-3.0",
         "cc-by-nc-sa-4.0", "cdla-sharing-1.0", "cdla-permissive-1.0", "cdla-permissive-2.0", "mpl-2.0", "isc",
@@ -123,7 +125,7 @@ def _title(manifest: Mapping[str, Any]) -> str:
 
 def _summary(manifest: Mapping[str, Any], rows: Mapping[str, int]) -> str:
     radar, axes = manifest["radar"], manifest["axes"]
-    channels, virtual = len(_channels(manifest["array"])), len(_channels(manifest["virtual_sensor"]))
+    channels, virtual = (len(of["tx_m"]) * len(of["rx_m"]) for of in (manifest["array"], manifest["virtual_sensor"]))
     farthest = axes["range_m"]["start"] + axes["range_m"]["step"] * (axes["range_m"]["bins"] - 1)
     shares = ", ".join(f"{count} {split}" for split, count in rows.items())
     return f"""# {_title(manifest)}
@@ -140,10 +142,6 @@ and what an array of {virtual} elements would see without noise at the same plac
 | u = sin(azimuth) | {axes["u"]["bins"]} bins from {axes["u"]["start"]:g}, left is positive |
 | velocity | {axes["velocity_mps"]["bins"]} bins of {abs(axes["velocity_mps"]["step"]):.4g} m/s, receding is positive |
 """
-
-
-def _channels(array: Mapping[str, Any]) -> list[tuple[int, int]]:
-    return [(tx, rx) for tx in range(len(array["tx_m"])) for rx in range(len(array["rx_m"]))]
 
 
 def _contents(manifest: Mapping[str, Any]) -> str:
@@ -235,10 +233,6 @@ def _licence(manifest: Mapping[str, Any]) -> str:
         "## Licence\n\nNot stated. Frames belong to whoever owns the scenes that they were made of. To publish them,\n"
         "state a licence: `license:` above, or `--license` as the dataset is made, e.g. `--license CC-BY-4.0`.\n"
     )
-
-
-# Of the licences for data those that the Hub knows by name (https://huggingface.co/docs/hub/repositories-licenses):
-# SPDX identifiers in small letters. The two named otherwise there stand with their names.
 
 
 def stated_licence(text: str | None) -> str | None:

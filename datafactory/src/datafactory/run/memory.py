@@ -4,11 +4,6 @@ Memory is that of a worker for its scenes, rays and radar, and of all together. 
 matter (``tests/benchmarks/worker_memory.py``, docs/large-runs.md): libraries and the kernels that they compile,
 triangles, rays, the arrays of a cube, and what a batch of frames keeps until its images are made. Every figure is an
 upper one: what is measured lies between a third of the prediction and all of it.
-
-Memory that a frame frees stays with the process: a frame takes and frees gigabytes in arrays of megabytes. The GNU C
-library hands such memory back to the system at once, and the system clears every page anew: 2300 page faults a frame of
-munich, up to a tenth of a second. With these limits it keeps what was freed, and 150 are left. The largest size of a
-process hardly changes, because the next frame takes as much.
 """
 
 from __future__ import annotations

@@ -133,8 +133,7 @@ def seen_things(things: Sequence[BoxedThing], pose: Pose) -> tuple[SeenThing, ..
     rotation, found = pose.rotation(), []
     for thing in things:
         box = thing.at(pose.time_s)
-        center = triple((box.center - np.asarray(pose.position)) @ rotation)
-        velocity = triple((box.velocity - np.asarray(pose.velocity)) @ rotation)
+        center, velocity = triple(pose.seen(box.center)), triple(pose.seen_velocity(box.velocity))
         forward, left, up = map(triple, box.axes @ rotation)
         where = center, triple(box.size), forward, left, up, velocity
         found.append(SeenThing(thing.name, thing.class_name, *where, thing.indices))

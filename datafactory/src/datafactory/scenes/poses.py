@@ -95,6 +95,14 @@ class Pose:
         """[3, 3] matrix R from radar to world: world = position + R @ radar."""
         return np.asarray(self._rotation().as_matrix(), dtype=np.float64)
 
+    def seen(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """[..., 3] places of the world [m] in the radar frame."""
+        return np.asarray((places - np.asarray(self.position)) @ self.rotation())
+
+    def seen_velocity(self, velocity: NDArray[np.float64]) -> NDArray[np.float64]:
+        """[..., 3] velocities over ground [m/s] relative to the radar, in its frame."""
+        return np.asarray((velocity - np.asarray(self.velocity)) @ self.rotation())
+
     def quaternion(self) -> tuple[float, float, float, float]:
         """The same rotation as unit quaternion (w, x, y, z), w not negative."""
         w, x, y, z = self._rotation().as_quat(canonical=True, scalar_first=True)

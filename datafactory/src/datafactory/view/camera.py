@@ -78,7 +78,7 @@ def camera_picture(subject: Subject, width: int = WIDTH, height: int = HEIGHT) -
     up = half * height / width * (1.0 - 2.0 * (np.arange(rows) + 0.5) / rows)
     ahead = np.stack(np.broadcast_arrays(1.0, left, up[:, None]), axis=-1).reshape(-1, 3)
     direction = ahead / np.linalg.norm(ahead, axis=1, keepdims=True)
-    met = subject.caster().cast(np.zeros_like(direction), direction)
+    met = subject.caster.cast(np.zeros_like(direction), direction)
     colours = _coloured(subject, met, direction, np.where(np.isfinite(met.distance), met.distance, 0.0))
     return _averaged(_outlined(colours.reshape(rows, columns, 3), met))
 
@@ -98,7 +98,7 @@ def above_picture(
     y = np.arange(aside, -aside, -step) - 0.5 * step
     start = np.stack(np.broadcast_arrays(x[:, None], y, FROM_HEIGHT_M), axis=-1).reshape(-1, 3)
     direction = np.broadcast_to(np.array([0.0, 0.0, -1.0]), start.shape)
-    met = subject.caster().cast(start, direction)
+    met = subject.caster.cast(start, direction)
     colours = _coloured(subject, met, direction, np.zeros(len(start)))
     return _averaged(_outlined(colours.reshape(len(x), len(y), 3), met))
 
@@ -178,7 +178,7 @@ def above_figure(subject: Subject) -> Figure:
     axis.imshow(above_picture(subject), extent=(aside, -aside, nearest, farthest), interpolation="antialiased")
     kinds = []
     if subject.table is not None:
-        shown = shown_paths(subject.table, subject.caster(), subject.targets())
+        shown = shown_paths(subject.table, subject.caster, subject.targets())
         for path in reversed(shown.paths):
             axis.plot(path.points[:, 1], path.points[:, 0], color=css(KINDS[path.kind]), linewidth=0.6, alpha=0.8)
         kinds = [kind for kind in KINDS if any(path.kind == kind for path in shown.paths)]

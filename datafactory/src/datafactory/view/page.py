@@ -31,7 +31,7 @@ def view_page(subject: Subject) -> str:
     """The page's HTML."""
     shown = None
     if subject.table is not None:
-        shown = shown_paths(subject.table, subject.caster(), subject.targets())
+        shown = shown_paths(subject.table, subject.caster, subject.targets())
     # No name of a scene can end the script: "<" is written as its escape.
     data = json.dumps(page_data(subject, shown)).replace("<", "\\u003c")
     overlay = files("datafactory.view").joinpath("overlay.html").read_text(encoding="utf-8").replace("$DATA", data)

@@ -208,7 +208,7 @@ def _round_corner(tx_point: Real, rx_point: Real, between_m: float, target: Real
     """[5, 3] an echo of a hidden target: sensor, edge, target, edge, sensor.
 
     The table has a leg in one of two forms (:mod:`datafactory.paths.targets`): the point on the edge, the rest of
-    the leg in ``between_m``; or, of an edge across the array, a point beyond it at the whole leg's length L along the
+    the leg in ``between_m``; or, of an edge along the array, a point beyond it at the whole leg's length L along the
     unit vector d, where the edge is s d with s + |s d - t| = L, s = (L^2 - |t|^2) / (2 (L - d t)).
     """
     forms = []

@@ -64,6 +64,7 @@ class Subject:
     radar: Radar
     table: PathTable | None = None
 
+    @cached_property
     def caster(self) -> RayCaster:
         """Rays into the scene from this pose."""
         return RayCaster(self.scene.merged, self.pose)
@@ -76,11 +77,13 @@ class Subject:
     def vertices(self, mesh: int) -> Real:
         """[V, 3] of a merged mesh [m]."""
         item = self.merged.meshes[mesh]
-        return self._seen(item.vertices + item.shift)
+        return self.pose.seen(item.vertices + item.shift)
 
     def targets(self) -> Real:
         """[T, 3] where the point targets stand [m]."""
-        return self._seen(np.array([item.position for item in self.merged.targets], dtype=np.float64).reshape(-1, 3))
+        return self.pose.seen(
+            np.array([item.position for item in self.merged.targets], dtype=np.float64).reshape(-1, 3)
+        )
 
     def movers(self) -> list[tuple[str, Vector, Vector]]:
         """The things of the scene that move at the pose's time, then the sensor itself if it does.
@@ -102,9 +105,6 @@ class Subject:
         edges = [np.stack([np.zeros(3), radii[-1] * arc[end]]) for end in (0, -1)]
         return edges + [radius * arc for radius in radii]
 
-    def _seen(self, world: Real) -> Real:
-        return (world - np.asarray(self.pose.position)) @ self.pose.rotation()
-
 
 @dataclass(frozen=True, eq=False)
 class Met:
@@ -123,7 +123,7 @@ class Met:
 class RayCaster:
     """A merged scene from one pose, at that pose's time.
 
-    Mitsuba traces in float32, in which a place 100 m away has an error of some 0.01 mm.
+    Mitsuba traces in float32: see :func:`datafactory.paths.geometry.ray_margin_m`.
 
     :param merged: the scene; without meshes every ray goes on for ever
     """

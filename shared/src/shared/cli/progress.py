@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
-Advance = Callable[[str, int, int], None]
-"""Takes what is being done, how much of it is done, and of how much."""
+from shared.processes.telling import Progress as Advance
+
 FRAMES = "frames"
 """The stage whose speed is shown."""
 SPEED_OVER_S = 600.0

@@ -21,7 +21,7 @@ BOLTZMANN = 1.380_649e-23
 """Boltzmann constant [J/K], exact by the definition of the kelvin."""
 
 REFERENCE_TEMPERATURE = 290.0
-"""Reference temperature of noise figures [K] (IEEE Std 145)."""
+"""Reference temperature of noise figures [K] (Friis, Proc. IRE 32, 1944)."""
 
 FARTHEST_M = 1e9
 """Largest coordinate that is read [m]: beyond every map of the Earth, and its square is far within float32."""

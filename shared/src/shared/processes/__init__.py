@@ -1,1 +1,1 @@
-"""Worker processes that may die, and folders that one job at a time may write."""
+"""Processes: workers that may die, interrupts, the machine; and how what a program takes is declared and told."""

@@ -218,17 +218,15 @@ def adaptive_powers(
     tables: AdaptiveTables,
     iterations: int,
     rule: Rule,
-    start: Float32[Array, "rows angles"] | None = None,
     prior: Float32[Array, "rows angles"] | None = None,
 ) -> Float32[Array, "rows angles"]:
     """[B, N] powers P after ``iterations`` of a rule, of rows of RMS 1 or 0.
 
     :param loading: [B] sigma^2, noise power over the row's
-    :param start: [B, N] powers to begin with; delay-and-sum's by default
     :param prior: [B, N] how far echoes are expected at each angle, at most 1; the same everywhere by default
     """
     weight = 1.0 if prior is None else prior if rule == "iaa" else prior**PRIOR_EXPONENT
-    power = _squared(snapshot @ tables.matched) / snapshot.shape[-1] ** 2 if start is None else start
+    power = _squared(snapshot @ tables.matched) / snapshot.shape[-1] ** 2
     for _ in range(iterations):
         filtered, form = adaptive_forms(power, snapshot, loading, tables)
         if rule == "iaa":

@@ -60,7 +60,7 @@ def range_doppler(
     weights = (window / window.sum()).astype(np.float32)[:, None]
     slow = hann(waveform.chirps)
     slow_weights = (slow / slow.sum()).astype(np.float32)
-    rows = min(waveform.range_bins, waveform.samples)
+    rows = waveform.range_bins
     spectrum = np.empty((rows, waveform.chirps, cube.shape[2]), dtype=np.result_type(cube, np.complex64))
     for chirp, (samples, weight) in enumerate(zip(cube, slow_weights, strict=True)):
         over_range = scipy.fft.fft(samples * weights, axis=0, overwrite_x=True)[:rows]

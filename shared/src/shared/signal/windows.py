@@ -57,16 +57,19 @@ def angle_window(name: str, elements: int) -> Float64[np.ndarray, " {elements}"]
     return weights / weights.mean()
 
 
-def _taylor(length: int, sidelobe_db: float, level_sidelobes: int = 4) -> Float64[np.ndarray, " {length}"]:
+LEVEL_SIDELOBES = 4
+"""n-bar of a Taylor window: one less of them have its level on either side."""
+
+
+def _taylor(length: int, sidelobe_db: float) -> Float64[np.ndarray, " {length}"]:
     """[length] Taylor window, symmetric: W. G. Carrara, R. S. Goodman, R. M. Majewski, Spotlight Synthetic Aperture
     Radar, Artech House, 1995, appendix D.2, as in ``scipy.signal.windows.taylor``, again without its import.
 
     :param sidelobe_db: the main lobe over the first sidelobes
-    :param level_sidelobes: n-bar; one less of them have this level on either side
     """
     a = np.arccosh(10.0 ** (sidelobe_db / 20.0)) / np.pi
-    stretch = level_sidelobes**2 / (a**2 + (level_sidelobes - 0.5) ** 2)
-    order = np.arange(1.0, level_sidelobes)
+    stretch = LEVEL_SIDELOBES**2 / (a**2 + (LEVEL_SIDELOBES - 0.5) ** 2)
+    order = np.arange(1.0, LEVEL_SIDELOBES)
     above = (1.0 - order[:, None] ** 2 / stretch / (a**2 + (order - 0.5) ** 2)).prod(axis=1)
     ratio = 1.0 - order[:, None] ** 2 / order**2
     below = 2.0 * np.where(ratio == 0.0, 1.0, ratio).prod(axis=1)

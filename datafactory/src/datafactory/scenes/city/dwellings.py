@@ -150,7 +150,7 @@ def square(site: Site, block: Block, rules: Rules) -> None:
     hall = Building(
         width, depth, int(rng.integers(2, 3, endpoint=True)), floor_m=4.2, wall=drawn(rng, WALLS), roof="brick",
         shape="hip", opening=Opening(1.6, 1.1, 3.4, 3.4), glazed=frozenset({"front", "left", "right"}),
-        ground=("door",) * 1, cornice=True, bands=True, pitch=0.7,
+        ground=("door",), cornice=True, bands=True, pitch=0.7,
     )  # fmt: skip
     position = front.place(0.5 * (front.length - width), area.depth - depth - 1.0)
     site.place("Houses", "Hall", building(hall), position, front.yaw_deg)
