@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
+from pathlib import Path
 
 import numpy as np
 import onnxruntime
@@ -31,6 +32,7 @@ from trainer.run.export import export
 from trainer.run.folder import load_imager
 from trainer.run.pictures import save_animation
 from trainer.run.predict import Predictor, merge_peaks
+from trainer.run.pretrained import pretrained_run, run_or_pretrained
 
 SPECTRAL = {"model": "spectral-unet"}
 SHAPE = (RADAR.waveform.range_bins, RADAR.grid.bins)
@@ -192,6 +194,14 @@ def test_a_row_that_stands_in_several_images_is_computed_once(tmp_path, monkeypa
             assert one is other
         else:
             assert np.abs(one - other).max() < 2e-3 * np.abs(other).max()
+
+
+def test_a_network_that_comes_with_the_package_is_meant_by_its_name_unless_a_folder_has_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run_or_pretrained(Path("sparse6")) == pretrained_run("sparse6")
+    make_run(tmp_path / "sparse6", **SPECTRAL)
+    assert run_or_pretrained(Path("sparse6")) == Path("sparse6")
+    assert export(Path("sparse6"), Path("network.onnx")).difference <= 1e-4
 
 
 def test_the_unrolled_network_is_exported_in_real_arithmetic(tmp_path):

@@ -23,6 +23,7 @@ from trainer.networks.unrolled import UnrolledNetwork
 from trainer.run.folder import load_imager
 from trainer.run.imager import CHANNELS, UNITS, lay_out
 from trainer.run.options import ExportOptions
+from trainer.run.pretrained import run_or_pretrained
 
 TOLERANCE = 1e-4
 """Largest difference from torch, relative to the largest value."""
@@ -60,7 +61,7 @@ def export(asked: ExportOptions) -> Export:
     :raises TrainingStopped: onnxruntime disagrees with torch by more than :data:`TOLERANCE`; nothing is written
     """
     out = asked.out
-    run, imager = load_imager(asked.run)
+    run, imager = load_imager(run_or_pretrained(asked.run))
     require_new_file(out, ".onnx")
     generator = np.random.default_rng(0)
     snapshot = generator.standard_normal((1, run.radar.waveform.range_bins, run.radar.array.channels, 2))

@@ -116,6 +116,8 @@ class PredictRequest(AnnouncingOptions, PointsRequest, ImageOptions):
 class ExportOptions(Options):
     """Which network is written where."""
 
-    run: Annotated[Path, Option("Run folder of trainer fit.", flag=None)] = field(kw_only=False)
+    run: Annotated[Path, Option(
+        f"Run folder of trainer fit, or a network that comes with the package: {either(pretrained_names())}.",
+        flag=None)] = field(kw_only=False)
     out: Annotated[Path, Option("File to write, ending in .onnx.")] = field(kw_only=False)
 # fmt: on

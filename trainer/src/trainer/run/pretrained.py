@@ -25,6 +25,11 @@ def pretrained_run(name: str) -> Path:
     return FOLDER / name
 
 
+def run_or_pretrained(path: Path) -> Path:
+    """A run's folder, by its path or by the name of a network that comes with the package."""
+    return pretrained_run(str(path)) if str(path) in pretrained_names() and not path.is_dir() else path
+
+
 def require_run(path: Path) -> None:
     """Refuse the name of a network in place of a run's folder, unless there is a folder of that name.
 

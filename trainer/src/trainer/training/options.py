@@ -9,7 +9,7 @@ from shared.processes.declared import Option, either
 from shared.processes.defaults import LARGEST_SEED
 from shared.processes.telling import AnnouncingOptions
 from trainer.defaults import LOGGERS, TENSORBOARD, Features, Model, Precision, Target
-from trainer.run.pretrained import pretrained_names, pretrained_run
+from trainer.run.pretrained import pretrained_names, run_or_pretrained
 
 if TYPE_CHECKING:
     from shared.dataset.locations import Location
@@ -22,9 +22,7 @@ NO_START = "none"
 
 
 def _start(text: str) -> Path | None:
-    if text == NO_START:
-        return None
-    return pretrained_run(text) if text in pretrained_names() else Path(text)
+    return None if text == NO_START else run_or_pretrained(Path(text))
 
 
 def _by_recipe(meaning: str, **others: Any) -> Option:
