@@ -104,7 +104,7 @@ def test_of_tx_in_turns_an_echo_has_the_phase_that_compensation_leaves():
     """A target a third of a cell off the centre of its Doppler cell, through the whole chain of eq. (1)."""
     turn = {"multiplexing": "tdm", "chirp_duration_s": 40e-6, "chirp_interval_s": 120e-6, "chirps": 8}
     radar = load_radar("avr-qdm-110")
-    radar = radar.model_copy(update={"waveform": radar.waveform.model_copy(update={**turn, "samples": 512})})
+    radar = radar.model_copy(update={"waveform": radar.waveform.model_copy(update={**turn, "samples": 640})})
     waveform, row = radar.waveform, 400.0
     rate = (2 + 1 / 3) * waveform.velocity_step_mps
     start = row * waveform.range_step_m - rate * waveform.mid_frame_s
