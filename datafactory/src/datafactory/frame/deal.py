@@ -19,6 +19,7 @@ from itertools import accumulate, combinations
 from typing import Literal
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from datafactory.defaults import DEFAULT_PATTERN
 from datafactory.frame.draws import drawn_scene, frame_seed, generator, sequence_seed, split_of
@@ -38,8 +39,8 @@ SOLVER_SEEDS = 2**31
 """The solver takes seeds below 2**32; half of that fits every signed integer of its interface."""
 Kind = Literal["scene", "points"]
 SLOW, ALIKE_M = 0.5, 0.5
-"""Share of the speed that is asked for, below which a drawn drive is said; and how near to another it is one with it
-[m]."""
+"""Share of the speed that is asked for, below which a drawn drive is said: bends and stops cost as much. And how near
+to another, all along, it is one with it [m]: a lane's points stand so far apart."""
 
 
 @dataclass(frozen=True)
@@ -309,7 +310,7 @@ class Deal(Wanted):
 
     def _remarks_on_drives(self) -> list[str]:
         """What to say of drawn drives whose streets are too short for their speed, or few."""
-        if self.drives is None:
+        if self.drives is None or not self.tracks:
             return []
         said, count = list[str](), len(self.tracks)
         ways = [np.array([pose.position for pose in track]) for track in self.tracks]
@@ -317,9 +318,10 @@ class Deal(Wanted):
         asked = self.drives.speed_mps or 0.0
         if slow := sum(speed < SLOW * asked for speed in mean_mps):
             said.append(f"{slow} of {count} drives have less than half of {asked:g} m/s: their streets are short")
+        # The last drive may be cut short. Only those that begin at one place are compared.
         alike = {
             other
-            for one, other in combinations(range(count), 2)
+            for one, other in cKDTree(np.array([way[0] for way in ways])).query_pairs(ALIKE_M)
             if self.track_scenes[one] == self.track_scenes[other]
             and all(np.linalg.norm(a - b) < ALIKE_M for a, b in zip(ways[one], ways[other], strict=False))
         }

@@ -213,6 +213,7 @@ def _fitted(
     :param candidates: [n, P] angles that each fit begins with, NaN for none
     """
     waveform, range_m = radar.waveform, _range_m(radar, len(straight))
+    # Of no group: an index, and the nine other columns below.
     parts: list[list[NDArray[Any]]] = [[np.empty(0, dtype=np.intp), *[np.empty(0)] * 9]]
     for peaks_at, members in centres.patterns():
         row, bins = centres.row[members], np.array(list(peaks_at))

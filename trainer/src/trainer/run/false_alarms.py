@@ -67,9 +67,9 @@ LOWER = 0.1
 """Of a threshold, over which s is a quotient of differences."""
 LEAST_SHAPE = 1e-9
 """Of a Gamma distribution: a single channel has no rest."""
-LOOKED_AT = np.arange(0.0, 61.0, 4.0)
-"""Energies for which lines of noise are drawn under a cell's velocity intervals, so many of each:"""
-DRAWN = 400
+LOOKED_AT, DRAWN = np.arange(0.0, 61.0, 4.0), 400
+"""Energies for which lines of noise are drawn under a cell's velocity intervals; and how many of each: a probability is
+known within 0.025 then (one standard error of a binomial share), 0.2 and more of them within a tenth: so is the level."""
 LOBE_POINTS = 16
 """Angles in a resolution cell among which lobes are sought."""
 
@@ -142,7 +142,8 @@ def intervals_kept(radar: Radar) -> tuple[float, ...]:
     """Of a cell's velocity intervals, under how many a line of noise of the energies ``LOOKED_AT`` is expected to be
     kept; 1 alone where all velocities are in one.
 
-    By drawn noise, always the same, in which a line at any angle has the energy; its angle's slopes are left out.
+    By drawn noise, always the same, in which a line at any angle has the energy, in all channels of the radar. Left
+    out: the slopes at its angle, and that an array of some of the channels sees a part of it.
     """
     if radar.velocity_intervals == 1:
         return (1.0,)
