@@ -68,8 +68,8 @@ LOWER = 0.1
 LEAST_SHAPE = 1e-9
 """Of a Gamma distribution: a single channel has no rest."""
 LOOKED_AT, DRAWN = np.arange(0.0, 61.0, 4.0), 400
-"""Energies for which lines of noise are drawn under a cell's velocity intervals; and how many of each: a probability is
-known within 0.025 then (one standard error of a binomial share), 0.2 and more of them within a tenth: so is the level."""
+"""Energies for which lines of noise are drawn under a cell's velocity intervals; and how many of each. One standard
+error of a probability is 0.025 then at most, a tenth of those that count: so is the level's."""
 LOBE_POINTS = 16
 """Angles in a resolution cell among which lobes are sought."""
 
