@@ -50,4 +50,4 @@ _MODULES = {
     "trace": "datafactory.api.making",
 }
 __all__ = list(_MODULES)
-__getattr__, __dir__ = lazy_names(__name__, "sparseradar-datafactory", _MODULES)
+__getattr__, __dir__ = lazy_names(__name__, _MODULES)

@@ -6,4 +6,4 @@ from shared.processes.lazy import lazy_names
 
 __version__: str
 
-__getattr__, __dir__ = lazy_names("shared", "sparseradar-shared", {})
+__getattr__, __dir__ = lazy_names(__name__, {})

@@ -49,4 +49,4 @@ _MODULES = {
     "pretrained_run": "trainer.run.pretrained",
 }
 __all__ = list(_MODULES)
-__getattr__, __dir__ = lazy_names(__name__, "sparseradar-trainer", _MODULES)
+__getattr__, __dir__ = lazy_names(__name__, _MODULES)

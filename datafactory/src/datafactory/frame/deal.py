@@ -315,7 +315,9 @@ class Deal(Wanted):
         said, count = list[str](), len(self.tracks)
         ways = [np.array([pose.position for pose in track]) for track in self.tracks]
         mean_mps = [np.linalg.norm([pose.velocity for pose in track], axis=1).mean() for track in self.tracks]
-        asked = self.drives.speed_mps or 0.0
+        asked = self.drives.speed_mps
+        if asked is None:
+            asked = (self.speed_mps or CRUISING_SPEEDS)[0]
         if slow := sum(speed < SLOW * asked for speed in mean_mps):
             said.append(f"{slow} of {count} drives have less than half of {asked:g} m/s: their streets are short")
         # The last drive may be cut short. Only those that begin at one place are compared.

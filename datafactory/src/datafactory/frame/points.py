@@ -22,6 +22,7 @@ from datafactory.scenes.targets.models import OPTIONS, SIZES, RcsModel, target_m
 from shared.dataset import Target
 from shared.physics.errors import InputError
 from shared.physics.units import amplitude_to_db, power_to_db
+from shared.physics.vectors import dots
 from shared.radar import Radar
 from shared.radar.validation import Described
 from shared.signal import target_amplitudes
@@ -108,7 +109,7 @@ def target_list(
     """
     middle = position + velocity * radar.waveform.mid_frame_s
     range_m = np.linalg.norm(middle, axis=1)
-    rate = np.einsum("ki,ki->k", middle, velocity) / range_m
+    rate = dots(middle, velocity) / range_m
     order = np.argsort(-level_db, kind="stable")
     return tuple(
         Target(float(range_m[k]), float(middle[k, 1] / range_m[k]), float(rate[k]), float(level_db[k]), names[k])

@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from datafactory.paths.merged_scene import MergedScene, found_once
-from shared.physics.vectors import Index, Mask, Real, unit
+from shared.physics.vectors import Index, Mask, Real, dots, unit
 
 WELD_M = 1e-4
 """Vertices nearer than this are one [m]."""
@@ -113,7 +113,7 @@ def into_faces(body: Body) -> tuple[Real, Real]:
     found = []
     for side in (0, 1):
         centre = body.vertices[body.triangles[body.faces[:, side]]].mean(axis=1) - start
-        found.append(unit(centre - np.einsum("ei,ei->e", centre, along)[:, None] * along))
+        found.append(unit(centre - dots(centre, along)[:, None] * along))
     return found[0], found[1]
 
 

@@ -47,7 +47,7 @@ from datafactory.paths.table import CORNER, ScatteredPaths, SpecularPaths
 from datafactory.paths.view import View, polarization_axis
 from shared.physics.compiled import compiled
 from shared.physics.units import db_to_power
-from shared.physics.vectors import Complex, Index, Mask, Real, lengths, unit
+from shared.physics.vectors import Complex, Index, Mask, Real, dots, lengths, unit
 
 FAINTEST_DBSM = -45.0
 """Echoes of smaller cross sections are left out."""
@@ -136,7 +136,7 @@ def _paths(view: View, apertures: Apertures) -> tuple[ScatteredPaths, SpecularPa
     image = ~beside & np.where(level, high - low >= 2.0 * WIDE, width >= WIDE)
     # A corner that is short along its edge moves as a body; of a long one the edge slides through the point.
     body = np.minimum(centre - low, high - centre) < SHORT
-    slides = np.einsum("ci,ci->c", corners.velocity, corners.direction)[:, None] * corners.direction
+    slides = dots(corners.velocity, corners.direction)[:, None] * corners.direction
     velocity = corners.velocity - np.where(body[:, None], 0.0, slides)
     both, images = np.tile(np.arange(len(corners)), 2), np.tile(image, 2)
     gamma = np.concatenate([

@@ -26,7 +26,7 @@ from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, one_after
 from datafactory.paths.free_extent import all_strips, quarters
 from datafactory.paths.merged_scene import MergedScene, found_once
 from datafactory.paths.planes import TOUCH_M, PlanarFaces, planar_faces_of
-from shared.physics.vectors import Index, Mask, Real, lengths, unit
+from shared.physics.vectors import Index, Mask, Real, dots, lengths, unit
 
 LEAST_REACH_M = 0.005
 """Faces that reach less far from the edge, over all of a corner, or from a point, make none: they are narrower than a
@@ -62,12 +62,12 @@ class CornerEdges(Placed):
     @cached_property
     def opening(self) -> Real:
         """[C] psi, the angle between the faces [rad]."""
-        return np.arccos(np.clip(np.einsum("ci,ci->c", self.into[:, 0], self.into[:, 1]), -1.0, 1.0))
+        return np.arccos(np.clip(dots(self.into[:, 0], self.into[:, 1]), -1.0, 1.0))
 
     @cached_property
     def foot_z(self) -> Real:
         """[C] place along the edge of the foot of the perpendicular from the origin [m]."""
-        return -np.einsum("ci,ci->c", self.origin, self.direction)
+        return -dots(self.origin, self.direction)
 
     @cached_property
     def foot(self) -> Real:
@@ -83,7 +83,7 @@ class CornerEdges(Placed):
     def angle(self) -> Real:
         """[C] phi of the origin from the first face [rad]."""
         towards = -unit(self.foot)
-        normal, into = (np.einsum("ci,ci->c", towards, axes[:, 0]) for axes in (self.normal, self.into))
+        normal, into = (dots(towards, axes[:, 0]) for axes in (self.normal, self.into))
         return np.arctan2(normal, into)
 
     @cached_property
@@ -170,7 +170,7 @@ def _edges_of_body(body: Body) -> CornerEdges:
     )
     into = across[pair] * sides[:, :, None]
     # The strips count along into_0 x into_1.
-    turned = np.einsum("si,si->s", np.cross(into[:, 0], into[:, 1]), along[pair]) < 0.0
+    turned = dots(np.cross(into[:, 0], into[:, 1]), along[pair]) < 0.0
     pieces[turned] = np.stack([-pieces[turned, 1], -pieces[turned, 0], *pieces[turned][:, [3, 2, 5, 4]].T], axis=1)
     corner_of_strip, lead = _runs(pair, sides, pieces, turned)
     wide = np.zeros(len(lead), dtype=bool)
@@ -179,7 +179,7 @@ def _edges_of_body(body: Body) -> CornerEdges:
     stay = wide[corner_of_strip]
     pieces, corner_of_strip, lead = pieces[stay], (np.cumsum(wide) - 1)[corner_of_strip[stay]], lead[wide]
     pair, into, origin = pair[lead], into[lead], origin[pair[lead]]
-    normal = unit(into[:, ::-1] - np.einsum("ci,ci->c", into[:, 0], into[:, 1])[:, None, None] * into)
+    normal = unit(into[:, ::-1] - dots(into[:, 0], into[:, 1])[:, None, None] * into)
     contact = faces.contact[pair]
     return CornerEdges(
         origin=origin,

@@ -46,7 +46,7 @@ from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.mirrors import AHEAD_M, MirrorEchoes, plane_amplitude, way_and_back
 from datafactory.paths.table import ScatteredPaths, SpecularPaths
 from datafactory.paths.view import NEAREST_M, View
-from shared.physics.vectors import Complex, Index, Mask, Real, unit
+from shared.physics.vectors import Complex, Index, Mask, Real, dots, unit
 
 INSIDE = 1e-6
 """Barycentric coordinates may fall below zero by this: triangles share their sides, and a foot there is one."""
@@ -122,7 +122,7 @@ def curved_feet(surfaces: CurvedSurfaces, view: View) -> tuple[CurvedFeet, int]:
         * ray_margin_m(np.linalg.norm(foot, axis=1))[:, None]
         * (np.cos(1.0) * axes[:, 0] + np.sin(1.0) * axes[:, 1])
     )
-    away = np.einsum("ni,ni->n", normal, foot) > 0.0
+    away = dots(normal, foot) > 0.0
     return CurvedFeet(
         triangle=surfaces.triangle[kept],
         surface=surfaces.surface[kept],
@@ -146,10 +146,10 @@ def _barycentric_feet(corners: Real, normals: Real) -> tuple[Real, int]:
     facing = unit(area)
     t1 = unit(e[:, 0])
     frame = np.stack([t1, np.cross(facing, t1)], axis=1)
-    height = np.einsum("ci,ci->c", corners[:, 0], facing)
+    height = dots(corners[:, 0], facing)
     e_t, d_t = np.einsum("cki,cji->ckj", frame, e), np.einsum("cki,cji->ckj", frame, d)
     p_t, n_t = np.einsum("cki,ci->ck", frame, corners[:, 0]), np.einsum("cki,ci->ck", frame, normals[:, 0])
-    n_f, d_f = np.einsum("ci,ci->c", normals[:, 0], facing), np.einsum("cji,ci->cj", d, facing)
+    n_f, d_f = dots(normals[:, 0], facing), np.einsum("cji,ci->cj", d, facing)
     b = np.full((len(corners), 2), 1.0 / 3.0)
     least = FLATTEST * np.linalg.norm(area, axis=1)
     focused = np.zeros(len(corners), dtype=bool)
@@ -205,7 +205,7 @@ def curved_shares(surfaces: CurvedSurfaces, feet: CurvedFeet, view: View) -> Com
     for index in range(len(feet)):
         here = surfaces.rim_surface == feet.surface[index]
         rims = (surfaces.rims[here] + moved[index]) @ rotation
-        side = np.einsum("bi,bi->b", normals[here], rims.mean(axis=1))
+        side = dots(normals[here], rims.mean(axis=1))
         rims = rims[side * (feet.normal[index] @ feet.foot[index]) > 0.0]
         if len(rims):
             along = feet.axes[index, 0]
@@ -223,7 +223,7 @@ def _paths(
     range_m, velocity = feet.range_m(), view.velocity(feet.triangle, feet.foot)
     sight = feet.foot / range_m[:, None]
     bend = feet.curvature / focus_factors(feet, view.wavelength_m)
-    rate = np.einsum("ni,ni->n", sight, velocity)
+    rate = dots(sight, velocity)
     turning = np.einsum("nj,nj,nji->ni", bend, np.einsum("nji,ni->nj", feet.axes, velocity), feet.axes)
     k = _along_array(sight, bend, feet.axes)
     laws = _law_of_points(range_m, k)
@@ -234,7 +234,7 @@ def _paths(
 def _along_array(sight: Real, bend: Real, axes: Real) -> Real:
     """[n] k, the value along the array of K with principal values ``bend`` [n, 2]; their mean for an array end on."""
     across = np.array([0.0, 1.0, 0.0]) - sight[:, 1:2] * sight
-    square = np.einsum("ni,ni->n", across, across)
+    square = dots(across, across)
     part = np.einsum("nji,ni->nj", axes, across) ** 2
     known = square > ALONG_AXIS
     return np.where(known, np.einsum("nj,nj->n", bend, part) / np.where(known, square, 1.0), 0.5 * bend.sum(axis=1))

@@ -26,7 +26,7 @@ from scipy.sparse import csr_array
 from datafactory.paths.bodies import Body, bodies_of
 from datafactory.paths.merged_scene import MergedScene, found_once
 from datafactory.paths.smooth import SMOOTH_FOLD_DEG, smooth_facets
-from shared.physics.vectors import Index, Mask, Real, unit
+from shared.physics.vectors import Index, Mask, Real, dots, unit
 
 MENDING_ROUNDS = 4
 """Of the normals at the ends of a surface; each takes off what the length of a corrected normal was wrong by."""
@@ -152,7 +152,7 @@ def _max_normals(place: Real, members: Index) -> Real:
     for corner in range(3):
         here = place[members[:, corner]]
         a, b = place[members[:, (corner + 1) % 3]] - here, place[members[:, (corner + 2) % 3]] - here
-        squares = np.einsum("ci,ci->c", a, a) * np.einsum("ci,ci->c", b, b)
+        squares = dots(a, a) * dots(b, b)
         # Lengths are taken relative to the triangle's own: no product of small numbers underflows.
         np.add.at(total, members[:, corner], np.cross(a, b) / np.maximum(squares, np.finfo(float).tiny)[:, None])
     return unit(total)
@@ -182,10 +182,10 @@ def _fitted(place: Real, ties: Index, normals: Real, rounds: int, step: float, h
     chord, first = unit(place[there] - place[here]), normals[moved]
     for _ in range(rounds):
         own, before = normals[here], normals[moved]
-        across = chord - np.einsum("ei,ei->e", chord, own)[:, None] * own
-        off = np.einsum("ei,ei->e", chord, own + normals[there])
+        across = chord - dots(chord, own)[:, None] * own
+        off = dots(chord, own + normals[there])
         matrix = HOLD * np.eye(3) + (total @ (across[:, :, None] * across[:, None, :]).reshape(-1, 9)).reshape(-1, 3, 3)
-        away = first - np.einsum("pi,pi->p", first, before)[:, None] * before if held else np.zeros_like(before)
+        away = first - dots(first, before)[:, None] * before if held else np.zeros_like(before)
         right = HOLD * away - total @ (off[:, None] * across)
         normals = normals.copy()
         normals[moved] = unit(before + step * np.linalg.solve(matrix, right[:, :, None])[:, :, 0])
@@ -198,7 +198,7 @@ def _angle_around(place: Real, members: Index) -> Real:
     for corner in range(3):
         here = place[members[:, corner]]
         a, b = (unit(place[members[:, (corner + k) % 3]] - here) for k in (1, 2))
-        np.add.at(total, members[:, corner], np.arccos(np.clip(np.einsum("ci,ci->c", a, b), -1.0, 1.0)))
+        np.add.at(total, members[:, corner], np.arccos(np.clip(dots(a, b), -1.0, 1.0)))
     return total
 
 
@@ -211,7 +211,7 @@ def _corner_tensors(corners: Real, at_corners: Real, normals: Real, members: Ind
     frame = np.stack([t1, np.cross(facing, t1)], axis=1)  # [C, 2, 3]
     sides = np.stack([frame @ e1[:, :, None], frame @ e2[:, :, None]], axis=2)[..., 0]
     turns = np.stack([frame @ (at_corners[:, k] - at_corners[:, 0])[:, :, None] for k in (1, 2)], axis=2)[..., 0]
-    longest = np.maximum(np.einsum("ci,ci->c", e1, e1), np.einsum("ci,ci->c", e2, e2))
+    longest = np.maximum(dots(e1, e1), dots(e2, e2))
     sliver = weight < SLIVER * longest
     sides[sliver], turns[sliver] = np.eye(2), 0.0
     gradient = turns @ np.linalg.inv(sides)
@@ -233,7 +233,7 @@ def turned_to(tensor: Real, before: Real, after: Real) -> Real:
     wx = np.zeros((len(w), 3, 3))
     wx[:, 0, 1], wx[:, 0, 2], wx[:, 1, 2] = -w[:, 2], w[:, 1], -w[:, 0]
     wx = wx - np.swapaxes(wx, 1, 2)
-    cosine = np.maximum(np.einsum("ni,ni->n", before, after), -0.999)
+    cosine = np.maximum(dots(before, after), -0.999)
     rotation = np.eye(3) + wx + wx @ wx / (1.0 + cosine)[:, None, None]
     return rotation @ tensor @ np.swapaxes(rotation, 1, 2)
 

@@ -41,7 +41,7 @@ from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import DIFFRACTED, ScatteredPaths, SpecularPaths
 from datafactory.paths.view import View, polarization_axis
 from shared.physics.compiled import compiled
-from shared.physics.vectors import Complex, Index, Mask, Real, unit
+from shared.physics.vectors import Complex, Index, Mask, Real, dots, unit
 from shared.physics.wedge import WedgeGeometry, diffraction_coefficient
 
 Heard = tuple[ScatteredPaths, SpecularPaths, dict[str, int]]
@@ -208,8 +208,8 @@ def field_over_edges(
     phi_in = -unit(np.cross(chosen.direction, rays.inward))
     phi_out = unit(np.cross(chosen.direction, rays.outward))
     beta_in, beta_out = np.cross(rays.inward, phi_in), np.cross(rays.outward, phi_out)
-    along = _dot(observer_axis, beta_out) * _dot(source_axis, beta_in)
-    across = _dot(observer_axis, phi_out) * _dot(source_axis, phi_in)
+    along = dots(observer_axis, beta_out) * dots(source_axis, beta_in)
+    across = dots(observer_axis, phi_out) * dots(source_axis, phi_in)
     return -(along * soft + across * hard) * geometry.spreading() * rays.share
 
 
@@ -255,20 +255,16 @@ def along_array(direction: Real, sight: Real) -> Mask:
     return direction[:, 1] ** 2 > np.cross(direction, sight)[:, 1] ** 2
 
 
-def _dot(one: Real, other: Real) -> Real:
-    return np.einsum("ki,ki->k", one, other)
-
-
 def _cylindrical(start: Real, direction: Real, place: Real) -> tuple[Real, Real]:
     """Coordinate along each edge, from its start, and distance from its line [E]."""
-    z = _dot(place - start, direction)
+    z = dots(place - start, direction)
     return z, np.linalg.norm(place - start - z[:, None] * direction, axis=1)
 
 
 def _angle(normal_0: Real, direction: Real, towards: Real) -> Real:
     """[K] angle of a direction [K, 3] from the 0-face of an edge, 0 to 2 pi."""
     into_0 = np.cross(normal_0, direction)
-    return np.arctan2(_dot(towards, normal_0), _dot(towards, into_0)) % (2.0 * np.pi)
+    return np.arctan2(dots(towards, normal_0), dots(towards, into_0)) % (2.0 * np.pi)
 
 
 def _edge_share(low: Real, high: Real) -> Complex:
@@ -311,4 +307,4 @@ def _sight_points(edges: WedgeEdges, rays: EdgeRays) -> Real:
 
 def diffracting_velocity(velocity: Real, direction: Real, at_end: Mask) -> Real:
     """[K, 3] velocity of the point of diffraction: without the component along the edge, except at an end."""
-    return velocity - np.where(at_end, 0.0, _dot(velocity, direction))[:, None] * direction
+    return velocity - np.where(at_end, 0.0, dots(velocity, direction))[:, None] * direction

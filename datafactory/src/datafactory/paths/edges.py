@@ -19,7 +19,7 @@ from datafactory.paths.bodies import Body, bodies_of, components, into_faces
 from datafactory.paths.columns import DIRECTION, POINT, Placed, pairs_in_runs
 from datafactory.paths.merged_scene import MergedScene, found_once
 from datafactory.paths.smooth import smooth_facets
-from shared.physics.vectors import Index, Mask, Real, lengths, unit
+from shared.physics.vectors import Index, Mask, Real, dots, lengths, unit
 
 FLATTEST_FOLD_DEG = 15.0
 """Smallest angle between the planes of two faces that makes an edge: a 30-sided column has none, a 16-sided one does.
@@ -62,12 +62,12 @@ class WedgeEdges(Placed):
         """[K, 3] velocities [m/s] of the points [K, 3] of the edges ``index`` [K]."""
         if not self.turn.any():
             return self.velocity[index]
-        along = np.einsum("ki,ki->k", point - self.start[index], self.direction[index])
+        along = dots(point - self.start[index], self.direction[index])
         return self.velocity[index] + along[:, None] * self.turn[index]
 
     def nearest(self) -> Real:
         """[E, 3] the point of each that lies nearest to the origin [m]."""
-        foot = -np.einsum("ei,ei->e", self.start, self.direction)
+        foot = -dots(self.start, self.direction)
         return self.start + np.clip(foot, 0.0, lengths(self.end - self.start))[:, None] * self.direction
 
 
@@ -105,10 +105,10 @@ def _wedges(body: Body) -> WedgeEdges:
     pairs, faces = body.pairs, body.faces
     along = unit(body.vertices[pairs[:, 1]] - body.vertices[pairs[:, 0]])
     into = into_faces(body)
-    cosine = np.clip(np.einsum("ei,ei->e", *into), -1.0, 1.0)
+    cosine = np.clip(dots(*into), -1.0, 1.0)
     exterior_n = np.where(body.rim, 2.0, 2.0 - np.arccos(cosine) / np.pi)
     # The edge's direction is chosen so that angles from the 0-face run through the exterior first.
-    turn = np.where(np.einsum("ei,ei->e", np.cross(into[0], into[1]), along) > 0.0, -1.0, 1.0)
+    turn = np.where(dots(np.cross(into[0], into[1]), along) > 0.0, -1.0, 1.0)
     direction = turn[:, None] * along
     ends = np.where(turn[:, None] > 0.0, pairs, pairs[:, ::-1])
     start, end = body.vertices[ends.T]
@@ -138,7 +138,7 @@ def _merged_collinear(edges: WedgeEdges, pairs: Index) -> WedgeEdges:
     off = np.zeros(count)
     reach = []
     for end in (edges.start, edges.end):
-        along = np.einsum("ei,ei->e", end - origin, direction)
+        along = dots(end - origin, direction)
         np.maximum.at(off, chain, np.linalg.norm(end - origin - along[:, None] * direction, axis=1))
         reach.append(along)
     straight = off[chain] < STRAIGHT_M

@@ -29,7 +29,7 @@ from datafactory.paths.bodies import bodies_of
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.planes import COPLANAR_M, Rim, planes_of
 from shared.physics.compiled import compiled
-from shared.physics.vectors import Complex, Index, Real
+from shared.physics.vectors import Complex, Index, Real, dots
 
 TAPER = 16.0
 """Fresnel zones (rho^2) after which an edge's ripple has fallen to 1/e: there it is 4 % of the reflection."""
@@ -85,7 +85,7 @@ def _rims_of_each(merged_scene: MergedScene, triangle: Index) -> tuple[Rim, Inde
     rims = list({id(rim): rim for rim, _ in own}.values())  # triangles of one plane share its rim
     last = dict(zip(map(id, rims), np.cumsum([len(rim.radius) for rim in rims]).tolist(), strict=True))
     ends = [(last[id(rim)] - len(rim.radius), last[id(rim)]) for rim, _ in own]
-    turned = np.einsum("mi,mi->m", normals, np.array([side for _, side in own])) < 0.0
+    turned = dots(normals, np.array([side for _, side in own])) < 0.0
     return Rim.joined(rims), np.array(ends), np.where(turned[:, None], -normals, normals), place
 
 

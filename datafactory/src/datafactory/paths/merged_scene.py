@@ -23,7 +23,7 @@ from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.motion import Moving, Track, Vector, drift, triple
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import ZERO, PointTarget, Scene, SceneObject
-from shared.physics.vectors import Index, Mask, Real
+from shared.physics.vectors import Index, Mask, Real, dots
 
 Value = TypeVar("Value")
 
@@ -257,11 +257,11 @@ def barycentric(corners: Real, point: Real) -> Real:
     one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     towards = point - corners[:, 0]
     normal = np.cross(one, other)
-    square = np.einsum("ni,ni->n", normal, normal)
+    square = dots(normal, normal)
     flat = square == 0.0
     square = np.where(flat, 1.0, square)
-    second = np.einsum("ni,ni->n", np.cross(towards, other), normal) / square
-    third = np.einsum("ni,ni->n", np.cross(one, towards), normal) / square
+    second = dots(np.cross(towards, other), normal) / square
+    third = dots(np.cross(one, towards), normal) / square
     weights = np.stack([1.0 - second - third, second, third], axis=1)
     weights[flat] = 1.0 / 3.0
     return weights

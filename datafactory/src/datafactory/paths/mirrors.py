@@ -38,7 +38,7 @@ from datafactory.paths.slabs import LEAST_COSINE, fields_beyond
 from datafactory.paths.table import REFRACTED, SPECULAR, SpecularPaths
 from datafactory.paths.view import AXES, FAINTEST, NEAREST_M, Polarization, View, panes_between, polarization_axis
 from shared.physics.compiled import compiled
-from shared.physics.vectors import Complex, Index, Mask, Real
+from shared.physics.vectors import Complex, Index, Mask, Real, dots
 
 INSIDE = 1e-9
 """Barycentric coordinates may fall below zero by this: a foot on an edge belongs to both triangles, and counts once."""
@@ -95,10 +95,10 @@ def single_mirrors(view: View) -> tuple[SpecularPaths, dict[str, int]]:
     sight, normal = foot / range_m[:, None], view.normals[triangle]
     amplitude = plane_amplitude(view, mesh, range_m) * passed
     if view.settings.finite_mirrors:
-        off = np.einsum("ki,ki->k", foot, normal) - view.heights[triangle]
+        off = dots(foot, normal) - view.heights[triangle]
         amplitude *= view.reflected_share(triangle, foot - off[:, None] * normal, foot, range_m, range_m)
-    rate = np.einsum("ki,ki->k", sight, view.velocity(triangle, foot))
-    side = np.sign(np.einsum("ki,ki->k", normal, sight))
+    rate = dots(sight, view.velocity(triangle, foot))
+    side = np.sign(dots(normal, sight))
     turning = side[:, None] * _rates_of_normals(merged, triangle, mesh) @ view.rotation
     echoes = MirrorEchoes(sight, range_m, rate, turning, amplitude, merged.owner[triangle], kinds)
     return echoes.images(), {"mirrors_hidden": hidden}
@@ -147,7 +147,7 @@ def _rates_of_normals(merged_scene: MergedScene, triangle: Index, mesh: Index) -
     change = np.cross(changes[:, 0], sides[:, 1]) + np.cross(sides[:, 0], changes[:, 1])
     length = np.linalg.norm(area, axis=1, keepdims=True)
     normal = area / length
-    rates[turned] = (change - np.einsum("ki,ki->k", normal, change)[:, None] * normal) / length
+    rates[turned] = (change - dots(normal, change)[:, None] * normal) / length
     return rates
 
 
@@ -173,7 +173,7 @@ class Ways(Columns):
 
     def image(self, place: Real) -> Real:
         """[W, 3] mirror images of places [3] or [W, 3] [m]."""
-        above = np.einsum("wi,wi->w", self.normal, np.broadcast_to(place, self.normal.shape)) - self.height
+        above = dots(self.normal, np.broadcast_to(place, self.normal.shape)) - self.height
         return place - 2.0 * above[:, None] * self.normal
 
 
@@ -192,7 +192,7 @@ def ways_over_mirrors(view: View, position: Real) -> Ways:
     if view.settings.finite_mirrors and len(point):
         after = np.maximum(np.linalg.norm(position[point] - foot, axis=1), TOUCHING_M)
         share *= view.reflected_share(triangle, foot, foot, before, after)
-    cosine = np.clip(np.abs(np.einsum("wi,wi->w", towards, normal)), LEAST_COSINE, 1.0)
+    cosine = np.clip(np.abs(dots(towards, normal)), LEAST_COSINE, 1.0)
     te, tm = view.slabs.reflection(mesh, cosine)
     sent, received = (
         np.conj(_field_at_point(towards, normal, te, tm, which)) * share[:, None]
@@ -202,7 +202,7 @@ def ways_over_mirrors(view: View, position: Real) -> Ways:
         point=point,
         triangle=triangle,
         normal=normal,
-        height=np.einsum("wi,wi->w", normal, view.corners[triangle, 0]),
+        height=dots(normal, view.corners[triangle, 0]),
         velocity=view.velocity(triangle, foot),
         sent=sent,
         received=received,
@@ -218,7 +218,7 @@ def _clear(view: View, foot: Real, triangle: Index, position: Real) -> Mask:
     The point of reflection is lifted off its face, to the radar's side, by the error of rays in float32.
     """
     normal = view.normals[triangle]
-    side = -np.sign(np.einsum("wi,wi->w", normal, view.corners[triangle, 0]))
+    side = -np.sign(dots(normal, view.corners[triangle, 0]))
     lifted = foot + (side * ray_margin_m(np.linalg.norm(foot, axis=1)))[:, None] * normal
     clear = view.sight(np.zeros_like(lifted), lifted)
     clear[clear] = view.sight(lifted[clear], position[clear])
@@ -239,14 +239,14 @@ def points_of_reflection(position: Real, corners: Real, normals: Real) -> tuple[
 
     :param position: [K, 3] [m]; :param corners: [T, 3, 3] [m]; :param normals: [T, 3] unit, 0 of a face without area
     """
-    height = np.einsum("ti,ti->t", normals, corners[:, 0])
+    height = dots(normals, corners[:, 0])
     edges = np.roll(corners, -1, axis=1) - corners
     inward = np.cross(normals[:, None], edges)
     border = np.einsum("tci,tci->tc", inward, corners) - INSIDE * np.einsum("tci,tci->tc", edges, edges)
     found = _reflecting(np.ascontiguousarray(position), np.ascontiguousarray(normals), height, inward, border)
     point, triangle = np.array(found, dtype=np.int64).reshape(-1, 2).T
     normal, height = normals[triangle], height[triangle]
-    above = np.einsum("wi,wi->w", normal, position[point]) - height
+    above = dots(normal, position[point]) - height
     image = position[point] - 2.0 * above[:, None] * normal
     radar = np.abs(height)
     share = radar / (radar + np.maximum(-np.sign(height) * above, 0.0))

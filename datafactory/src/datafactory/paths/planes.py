@@ -20,7 +20,7 @@ import numpy as np
 from datafactory.paths.bodies import Body, components
 from datafactory.paths.merged_scene import found_once
 from shared.physics.compiled import compiled
-from shared.physics.vectors import Index, Real
+from shared.physics.vectors import Index, Real, dots
 
 COPLANAR_COSINE = np.cos(np.radians(0.2))
 COPLANAR_M = 1e-3
@@ -195,7 +195,7 @@ def planar_faces_of(body: Body) -> PlanarFaces:
     together, square, length = _neighbours(corners, normals, area)
     label = components(len(corners), together)
     normal, centre = _planes(label, corners, normals, area)
-    label[np.abs(np.einsum("ki,ki->k", normals, normal[label])) < SAME_FACE_COSINE] = -1
+    label[np.abs(dots(normals, normal[label])) < SAME_FACE_COSINE] = -1
     return PlanarFaces(label, normal, centre, *_face_pairs(label, square, length))
 
 
@@ -218,7 +218,7 @@ def _planes(label: Index, corners: Real, normals: Real, area: Real) -> tuple[Rea
     lead = np.zeros(count, dtype=np.int64)
     order = np.argsort(area, kind="stable")
     lead[label[order]] = order  # the largest triangle is written last
-    side = np.sign(np.einsum("ki,ki->k", normals, normals[lead][label]))
+    side = np.sign(dots(normals, normals[lead][label]))
     origin = corners[lead, 0]
     normal, centre = np.zeros((2, count, 3))
     np.add.at(normal, label, (side * area)[:, None] * normals)

@@ -15,7 +15,7 @@ from datafactory.paths.scattering import surface_phase
 from datafactory.paths.solver import Bundle
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, ScatteredPaths, SpecularPaths
 from datafactory.paths.view import View
-from shared.physics.vectors import Complex, Index, Real, lengths, unit
+from shared.physics.vectors import Complex, Index, Real, dots, lengths, unit
 
 
 def _of_surfaces(part: Bundle, view: View) -> Complex:
@@ -93,7 +93,7 @@ def scattered_rows(part: Bundle, view: View, fan: RayFan) -> list[ScatteredPaths
     inner = np.arange(depth + 1)[None, :]
     between = np.where((inner > mirrors[:, None]) & (inner < depth), segments, 0.0).sum(axis=1)
     direction = unit(part.vertices[:, -1] - first)
-    rate = np.einsum("ni,ni->n", direction, velocities[:, -1] - velocities[rows, mirrors])
+    rate = dots(direction, velocities[:, -1] - velocities[rows, mirrors])
     paths = ScatteredPaths(
         tx_point=tx_point,
         rx_point=part.vertices[:, -1],
@@ -140,7 +140,7 @@ def mirrored_velocity(velocity: Real, normal: Real, mirror_velocity: Real) -> Re
 
     The image of x in the plane n . (x - o) = 0 is x - 2 n . (x - o) n; its time derivative is below.
     """
-    approach = np.einsum("ni,ni->n", normal, velocity - mirror_velocity)
+    approach = dots(normal, velocity - mirror_velocity)
     return velocity - 2.0 * approach[:, None] * normal
 
 

@@ -49,7 +49,7 @@ from datafactory.paths.scattering import share_at
 from datafactory.paths.table import DIFFUSE, SPECULAR
 from datafactory.paths.view import AXES, Hits, View, polarization_axis
 from shared.physics.compiled import compiled
-from shared.physics.vectors import Index, Real, lengths
+from shared.physics.vectors import Index, Real, dots, lengths
 
 LEAST_RAYS = 1_000
 """No fewer are followed, where there are as many."""
@@ -264,12 +264,12 @@ def _closed(corner: Real, normal: Real, height: Real) -> tuple[Real, Real]:
     images = [np.zeros((count, 3))]
     for step in range(mirrors):
         n = normal[:, step]
-        images.append(images[-1] - 2.0 * (np.einsum("ni,ni->n", n, images[-1]) - height[:, step])[:, None] * n)
+        images.append(images[-1] - 2.0 * (dots(n, images[-1]) - height[:, step])[:, None] * n)
     place, closes = np.zeros((count, 3)), np.ones(count, dtype=bool)
     for step in range(mirrors - 1, -1, -1):
         n, along = normal[:, step], images[step + 1] - place
-        slope = np.einsum("ni,ni->n", n, along)
-        share = (height[:, step] - np.einsum("ni,ni->n", n, place)) / np.where(slope == 0.0, np.inf, slope)
+        slope = dots(n, along)
+        share = (height[:, step] - dots(n, place)) / np.where(slope == 0.0, np.inf, slope)
         place = place + share[:, None] * along
         closes &= (share > 0.0) & (share < 1.0)
         closes &= barycentric(corner[:, step], place).min(axis=1) >= (1.0 - LARGER) / 3.0

@@ -15,7 +15,7 @@ import numpy as np
 
 from datafactory.paths.bodies import Body, components, fold_angles, into_faces
 from datafactory.paths.merged_scene import found_once
-from shared.physics.vectors import Index, Mask, Real
+from shared.physics.vectors import Index, Mask, Real, dots
 
 SMOOTH_FOLD_DEG = 25.0
 """Largest angle between the planes of neighbouring facets of a smooth surface: a round body of 15 facets or more."""
@@ -155,7 +155,7 @@ def _is_curved(body: Body, facet: Index, surface: Index, turned: Mask) -> Mask:
     enough = (facets >= LEAST_FACETS) & ((facets >= FEW_FACETS) | (largest <= WIDTH_RATIO * smallest))
     # The area vectors of a closed surface add up to 0, but for rounding: it turns all round.
     mean = total / np.maximum(closed, np.finfo(float).tiny)[:, None]
-    cosine = np.einsum("ti,ti->t", area, mean[surface]) / np.maximum(size, np.finfo(float).tiny)
+    cosine = dots(area, mean[surface]) / np.maximum(size, np.finfo(float).tiny)
     least = np.ones(count)
     np.minimum.at(least, surface[known], cosine[known])
     turns = (least < np.cos(np.radians(LEAST_TURN_DEG))) | (closed < 1e-6 * whole)

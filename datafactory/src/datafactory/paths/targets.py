@@ -33,7 +33,7 @@ from datafactory.paths.mirrored_targets import DirectWays, echoes_over_mirrors
 from datafactory.paths.table import DIFFRACTED, REFRACTED, TARGET, ScatteredPaths, SpecularPaths
 from datafactory.paths.view import EDGES_WITHIN_M, FAINTEST, NEAREST_M, View, panes_between, polarization_axis
 from shared.physics.units import db_to_power
-from shared.physics.vectors import Complex, Index, Mask, Real, lengths
+from shared.physics.vectors import Complex, Index, Mask, Real, dots, lengths
 
 EDGES_PER_TARGET = 4
 """Ways to a hidden target that are used, the strongest, each out with each back; weaker ones are counted."""
@@ -117,7 +117,7 @@ def _legs_over(view: View, rays: EdgeRays, target_velocity: Real, limit: int) ->
     level = along_array(edges.direction[chosen], inward)
     # The length's rate is u' . v_edge + u . (v_target - v_edge): the sliding of the point adds nothing (Fermat).
     at_edge = edges.velocity_at(chosen, rays.point[best])
-    rate = np.einsum("ki,ki->k", outward, target_velocity[to] - at_edge)
+    rate = dots(outward, target_velocity[to] - at_edge)
     legs = _Legs(
         target=to,
         point=np.where(level[:, None], inward * (out_m + on_m)[:, None], rays.point[best]),

@@ -42,6 +42,7 @@ from shared.dataset.manifest import MANIFEST
 from shared.dataset.reading import radar_of
 from shared.dataset.writing import atomic, make_folder
 from shared.physics.errors import InputError, figure_text
+from shared.physics.vectors import dots
 from shared.pictures import save_figure
 from shared.processes.telling import silent
 from shared.radar import validated
@@ -108,7 +109,7 @@ def _coloured(subject: Subject, met: Met, direction: Real, haze_m: Real) -> Real
     palette = np.array([material_colour(mesh.material) for mesh in subject.scene.merged.meshes] or [(0, 0, 0)], float)
     colours = np.broadcast_to(SKY, (len(direction), 3)).copy()
     hit = met.mesh >= 0
-    cosine = np.abs(np.einsum("ni,ni->n", met.normal[hit], direction[hit]))
+    cosine = np.abs(dots(met.normal[hit], direction[hit]))
     bright = palette[met.mesh[hit]] * (DARKEST + (1.0 - DARKEST) * cosine)[:, None]
     clear = np.exp(-haze_m[hit] / HAZE_M)[:, None]
     colours[hit] = clear * bright + (1.0 - clear) * GROUND_HAZE

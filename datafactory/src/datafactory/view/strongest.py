@@ -18,6 +18,7 @@ from datafactory.paths.table import CORNER, DIFFRACTED, REFRACTED, SPECULAR, TAR
 from datafactory.scenes.motion import Real
 from datafactory.view.subject import DIFFRACTION, DIRECT, KINDS, MIRROR, REFRACTION, SEVERAL, RayCaster
 from shared.physics.units import amplitude_to_db
+from shared.physics.vectors import dots
 
 PATHS_SHOWN = 200
 MOST_MIRRORS = 3
@@ -175,7 +176,7 @@ def _legs(caster: RayCaster, image: Real, reflected: NDArray[np.bool_]) -> list[
             break
         start[under_way] += distance[:, None] * direction[under_way]
         remaining[under_way] -= distance
-        along = np.einsum("ni,ni->n", direction[under_way], normal)
+        along = dots(direction[under_way], normal)
         direction[under_way] -= 2.0 * along[:, None] * normal
         for row in under_way.tolist():
             legs[row].append(start[row].copy())

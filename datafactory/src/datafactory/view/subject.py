@@ -22,6 +22,7 @@ from datafactory.scenes.boxes import seen_things
 from datafactory.scenes.motion import Real, Vector, triple
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import ZERO
+from shared.physics.vectors import dots
 from shared.radar import Radar
 
 ARCS_M = (10.0, 20.0, 40.0, 80.0)
@@ -144,7 +145,7 @@ class RayCaster:
         met = first_hits(self._scene, start, direction, np.full(count, np.inf))
         for number, index in self._mesh_of_shape.items():
             nothing.mesh[met.valid & (met.shape == number)] = index
-        towards = -np.sign(np.einsum("ni,ni->n", met.normal, direction))
+        towards = -np.sign(dots(met.normal, direction))
         nothing.normal[met.valid] = (met.normal * towards[:, None])[met.valid]
         nothing.distance[met.valid] = met.distance[met.valid]
         return nothing

@@ -30,7 +30,12 @@ def unit(vectors: Real) -> Real:
 
 
 def dots(one: Real, other: Real) -> Real:
-    """[K] scalar products of ``one`` [K, 3] and ``other`` [K, 3]."""
+    """[K] scalar products of ``one`` [K, 3] and ``other`` [K, 3].
+
+    :raises ValueError: their shapes differ: compiled code would read beyond the shorter one
+    """
+    if one.shape != other.shape:
+        raise ValueError(f"vectors of shapes {one.shape} and {other.shape} have no scalar products")
     return _dots(_rows(one), _rows(other))
 
 

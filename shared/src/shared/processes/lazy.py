@@ -22,14 +22,11 @@ OURS = {"shared": "sparseradar-shared", "datafactory": "sparseradar-datafactory"
 """Distribution by import name."""
 
 
-def lazy_names(
-    package: str, distribution: str, modules: Mapping[str, str]
-) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+def lazy_names(package: str, modules: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """(``__getattr__``, ``__dir__``) for the ``__init__`` of a package.
 
     A name that was imported once is an attribute like any other. ``__version__`` is that of the installed distribution.
 
-    :param distribution: whose metadata hold the version
     :param modules: public name -> module that defines it under this name; a name that is a subpackage -> the package
     :raises ImportError: somebody else's distribution of the package's name is installed over ours
     """
@@ -40,7 +37,7 @@ def lazy_names(
         if name == VERSION:
             from importlib import metadata
 
-            value: Any = metadata.version(distribution)
+            value: Any = metadata.version(OURS[package.partition(".")[0]])
         elif name in modules:
             module = import_module(modules[name])
             value = module if module.__name__ == f"{package}.{name}" else getattr(module, name)

@@ -16,4 +16,4 @@ if TYPE_CHECKING:
 
 __all__ = ["ESTIMATORS", "UNIFORM_ESTIMATORS", "Estimator", "LineArray", "line_array"]
 
-__getattr__, __dir__ = lazy_names(__name__, "sparseradar-trainer", dict.fromkeys(__all__, "trainer.estimators.base"))
+__getattr__, __dir__ = lazy_names(__name__, dict.fromkeys(__all__, "trainer.estimators.base"))

@@ -43,6 +43,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.targets.bodies import Motion, MovingParts, Real
+from shared.physics.vectors import dots
 
 if TYPE_CHECKING:
     from scipy.interpolate import PchipInterpolator
@@ -133,7 +134,7 @@ def parts_of_walker(radar: Real, motion: Motion, stature_m: float, total_rcs_m2:
     axis = (ends[:, 1] - ends[:, 0]).real
     length = np.linalg.norm(axis, axis=1)
     line = radar - position
-    cosine = np.einsum("ni,ni->n", axis, line) / length / np.maximum(np.linalg.norm(line, axis=1), 1e-9)
+    cosine = dots(axis, line) / length / np.maximum(np.linalg.norm(line, axis=1), 1e-9)
     across = np.array([HALF_WIDTH_M[part.removeprefix("right ").removeprefix("left ")] for part in PARTS])
     shares = ellipsoid_rcs_m2(across, 0.5 * length, cosine)
     return MovingParts(position, velocity, total_rcs_m2 * shares / shares.sum())
