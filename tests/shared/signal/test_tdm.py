@@ -27,12 +27,13 @@ RANGE_M, U = 30.0, 0.6
 
 
 def tdm_radar(chirps: int = 128, **changes) -> Radar:
-    """Three TX of the default array in turns of 40.3 us: velocities of less than 8 m/s have their own Doppler cell."""
+    """Turns of 40.3 us. With the three TX of the default array velocities below 8 m/s have their own Doppler cell."""
+    array = changes.pop("array", Radar().array)
     waveform = Waveform(
-        carrier_hz=77.375e9, bandwidth_hz=250e6, chirp_duration_s=40.3e-6, chirp_interval_s=120.9e-6,
+        carrier_hz=77.375e9, bandwidth_hz=250e6, chirp_duration_s=40.3e-6, chirp_interval_s=len(array.tx_m) * 40.3e-6,
         multiplexing="tdm", samples=64, range_bins=64, chirps=chirps,
     )  # fmt: skip
-    return Radar(waveform=waveform, **changes)
+    return Radar(waveform=waveform, array=array, **changes)
 
 
 def half_wavelengths(tx: list[float], rx: list[float]) -> AntennaArray:
@@ -143,6 +144,21 @@ def test_overlapped_elements_tell_the_interval(share):
     u, level = lobes(elements, places[:, 1], radar.waveform.wavelength_m)
     assert u == pytest.approx(U, abs=0.01)
     assert level == pytest.approx(-12.97, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("array", "intervals"),
+    [(half_wavelengths([0, 3], [0, 1, 2, 3]), 2), (OVERLAPPED, 3), (half_wavelengths([0, 3, 20, 23], [0, 1, 2, 3]), 4)],
+)
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_at_the_end_of_the_velocities_the_side_is_told(array, intervals, sign):
+    # The cell of +-K / 2 intervals: the lowest of the spectrum where K is odd, the middle one where it is even.
+    radar = tdm_radar(array=array)
+    velocity = sign * (0.5 * intervals * radar.waveform.velocity_span_mps - 0.1 * radar.waveform.velocity_step_mps)
+    for seed in range(6):
+        selection, row = selected(radar, [velocity], np.random.default_rng(seed))
+        found = selection.velocities_mps(radar.waveform)[0, row]
+        assert found == pytest.approx(velocity, abs=0.51 * radar.waveform.velocity_step_mps)
 
 
 @pytest.mark.parametrize("interval", [0, 1])

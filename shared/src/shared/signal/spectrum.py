@@ -134,8 +134,8 @@ def unfold(selection: DopplerSelection, radar: Radar) -> DopplerSelection:
     cycles = (selection.cells - chirps // 2) / chirps
     interval -= known * np.floor((cycles + interval) / known + 0.5).astype(np.int64)
     rows = np.arange(len(selection.magnitude))
-    upper = selection.magnitude[rows, -1] > selection.magnitude[rows, 1 % chirps]
-    interval += known * ((cycles + interval == -0.5 * known) & upper)
+    below, above = (selection.magnitude[rows, (selection.cells + step) % chirps] for step in (-1, 1))
+    interval += known * ((cycles + interval == -0.5 * known) & (below > above))
     turned = selection.range_channel * phasors(interval[..., None] * turn, selection.range_channel)
     return replace(selection, range_channel=turned, interval=interval)
 
