@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from shared.physics.errors import InputError
 from shared.radar import PRESETS, Radar
@@ -53,7 +54,7 @@ def fitted_imager(
     found, misfit, stretch = matching_elements(own[wanted], there)
     tolerance = position_tolerance(run)
     ordered = run.config.features not in ORDERED or bool((np.diff(found) > 0).all())
-    if len(np.unique(found)) < len(np.unique(own[wanted].round(9), axis=0)) or misfit > tolerance or not ordered:
+    if len(found) < len(wanted) or misfit > tolerance or not ordered:
         raise InputError(source, *_refusal(run, run_source, radar, misfit, tolerance))
     stretched = "" if abs(stretch - 1.0) < 1e-3 else f", stretched by {stretch:.3f}"
     remarks.append(
@@ -64,8 +65,8 @@ def fitted_imager(
 
 
 def matching_elements(wanted: NDArray[np.float64], there: NDArray[np.float64]) -> tuple[NDArray[np.intp], float, float]:
-    """([C] which of the elements ``there`` [N, 2] stand as those ``wanted`` [C, 2] do but for one common shift and
-    stretch, the largest distance that remains, the stretch)."""
+    """([C] which of the elements ``there`` [N, 2], each at most once, stand as those ``wanted`` [C, 2] do but for one
+    common shift and stretch, the largest distance that remains, the stretch). Of fewer than C there are N."""
     stretches = np.linspace(1.0 - MOST_STRETCH, 1.0 + MOST_STRETCH, STRETCHES)
     best, least, stretched = np.zeros(len(wanted), dtype=np.intp), np.inf, 1.0
     for stretch in stretches[np.argsort(np.abs(stretches - 1.0), kind="stable")]:
@@ -75,8 +76,9 @@ def matching_elements(wanted: NDArray[np.float64], there: NDArray[np.float64]) -
         distance = np.linalg.norm(there[None, None] - shifted[:, :, None], axis=-1)
         misfits = distance.min(axis=2).max(axis=1)
         first = int(np.argmin(misfits))
-        nearest = np.argmin(distance[first], axis=1)
-        misfit, fine = _remaining(wanted, there[nearest])
+        # Rounded: elements that coincide keep their order.
+        taking, nearest = linear_sum_assignment((distance[first] / RANGE_DIGITS).round())
+        misfit, fine = _remaining(wanted[taking], there[nearest])
         if misfit < least - RANGE_DIGITS:
             best, least, stretched = nearest, misfit, fine
     return best, least, stretched
