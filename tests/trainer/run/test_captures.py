@@ -55,6 +55,14 @@ def test_elements_are_found_wherever_the_line_stands(stretch):
     assert 0.005 < misfit < 0.05
 
 
+def test_elements_that_coincide_are_found_each_once():
+    there = np.array([[place, 0.0] for place in (0.0, 1.0, 2.0, 3.0, 3.0, 4.0, 5.0, 6.0)])
+    found, misfit, _ = matching_elements(there / 1.002, there)
+    assert found.tolist() == list(range(8))
+    assert misfit < 1e-12
+    assert len(matching_elements(there, there[1:])[0]) == 7
+
+
 def test_an_array_is_taken_as_far_as_the_truth_s_cell_and_the_stretch_allow(tmp_path):
     run, imager = load_imager(make_run(tmp_path / "run"))
     places = np.array([0.0, 1.0, 2.0, 7.0])
@@ -144,14 +152,17 @@ def test_an_estimator_sees_elements_that_coincide_once(tmp_path, dead):
     places = AntennaArray(tx_m=line(half * np.array([0.0, 2.0, 4.0])), rx_m=line(half * np.arange(4.0)))
     radar = RADAR.model_copy(update={"array": places})
     one_tx = AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(half * np.arange(8.0)))
-    images = []
+    images, whole = [], []
     for seen, path in (
         (radar, tmp_path / "doubled.npz"),
         (RADAR.model_copy(update={"array": one_tx}), tmp_path / "x.npz"),
     ):
         write_capture(path, seen, dead_channels=dead if seen is radar else ())
         (measurement,) = open_measurements(path, None, "test")[1]
-        images.append(estimator_answer("das", seen, dead if seen is radar else ()).peaks(measurement)[0][0])
+        answer = estimator_answer("das", seen, dead if seen is radar else ())
+        images.append(answer.peaks(measurement)[0][0])
+        whole.append(answer.image(measurement.cells.range_channel[0], measurement.noise_power))
     row = int(images[1].max(axis=1).argmax())
     # Uniform over eight elements, as of eight RX; as twelve channels its sidelobes would be those of a tapered line.
     np.testing.assert_allclose(images[0][row], images[1][row], atol=0.02 * images[1].max())
+    np.testing.assert_allclose(images, whole, rtol=1e-5, atol=1e-5 * images[1].max())

@@ -206,11 +206,12 @@ class NetworkAnswer(Answer):
 
     def peaks(self, measurement: Measurement) -> Images:
         """A repeated peak has the strongest's row."""
-        new = measurement.cells.new
+        new, told = measurement.cells.new, self._circumstances(measurement)
+        rows = measurement.cells.range_channel[new]
         place = np.where(new, np.cumsum(new).reshape(new.shape) - 1, np.arange(new.shape[1]))
-        return self.images(
-            measurement.cells.range_channel[new][None], self._circumstances(measurement)[new][None], place
-        )
+        if self.imager.config.features == "paper":  # normalised over each whole image
+            return self.images(rows[place], told)
+        return self.images(rows[None], told[new][None], place)
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,8 +225,8 @@ class EstimatorAnswer(Answer):
         return isinstance(self.estimator, VirtualView) and self.estimator.told
 
     def images(self, range_channel: NDArray[np.complexfloating], told: Circumstances) -> Images:
-        rows = [matrix[:, self.channels] for matrix in range_channel]
-        return np.stack([self._rows(one, self.line, told[index]) for index, one in enumerate(rows)]), None
+        matrices, line = self._elements(range_channel)
+        return np.stack([self._rows(rows, line, told[index]) for index, rows in enumerate(matrices)]), None
 
     def _rows(self, rows: NDArray[np.complexfloating], line: LineArray, told: Circumstances) -> NDArray[np.float64]:
         """[n, U] of rows [n, C]."""
@@ -244,7 +245,7 @@ class EstimatorAnswer(Answer):
         return images, None
 
     def _elements(self, rows: NDArray[np.complexfloating]) -> tuple[NDArray[np.complexfloating], LineArray]:
-        """(rows [n, E] of the channels in use, their places); where elements coincide, one mean for each place.
+        """(rows [..., E] of the channels in use, their places); where elements coincide, one mean for each place.
 
         The channels of a frame are compensated for motion between TX. A mean has less noise than the others; estimators
         are told that of one channel.
@@ -252,7 +253,7 @@ class EstimatorAnswer(Answer):
         array, wavelength_m = self.radar.array, self.line.wavelength_m
         _, element = array.unique_elements(wavelength_m)
         if len(np.unique(element[self.channels])) == len(self.channels):
-            return rows[:, self.channels], self.line
+            return rows[..., self.channels], self.line
         others = np.setdiff1d(np.arange(array.channels), self.channels)
         means, places = averaged(rows, self.radar, others)
         return means, LineArray(places[:, 1], wavelength_m)
