@@ -280,13 +280,14 @@ def with_moving(found: Detections, motion: EgoMotion | None, radar: Radar) -> De
 
 
 def _migration(cell: NDArray[np.int64], radar: Radar) -> NDArray[np.float64]:
-    """[n] range bins through which an echo migrates in the frame, at most: v T over a bin is d B / f_c in cell d.
+    """[n] range bins through which an echo migrates in the frame, at most: v T over a bin is d B / f in cell d, f being
+    mid-sweep's.
 
     The velocity may be folded once, unless the echo would migrate by more than MOST_MIGRATION then; not where elements
     that coincide tell its interval, which the cell then counts.
     """
     waveform = radar.waveform
-    bins_a_cell = waveform.bandwidth_hz / waveform.carrier_hz
+    bins_a_cell = waveform.bandwidth_hz / waveform.mid_sweep_hz
     own, folded = np.abs(cell) * bins_a_cell, (waveform.chirps - np.abs(cell)) * bins_a_cell
     may_fold = (folded <= MOST_MIGRATION) & (radar.velocity_intervals == 1)
     return np.where(may_fold, folded, np.minimum(own, MOST_MIGRATION))
