@@ -9,6 +9,7 @@ from pydantic import BaseModel
 
 from shared.physics.errors import InputError
 from shared.radar import validated
+from shared.radar.arrays import AntennaArray
 from trainer.captures.calibration import Calibration, Reflector
 from trainer.captures.cube_file import Capture
 from trainer.data.arrays import ArrayChoice
@@ -27,6 +28,9 @@ from trainer.run.configuration import FitConfig, Imperfections
         (Imperfections, {"bits": True}, "bits = True; expected a whole number"),
         (ArrayChoice, {"name": "mine", "rx": [True]}, "rx.0 = True; expected a whole number"),
         (MotionFile, {"velocity": [1, 0], "mounting_yaw_deg": "5"}, "mounting_yaw_deg = '5'; expected a number"),
+        (MotionFile, {"velocity": ["8.3", 1.0]}, "velocity.0 = '8.3'; expected a number"),
+        (Imperfections, {"gain_db": [0.1, True]}, "gain_db.1 = True; expected a number"),
+        (AntennaArray, {"tx_m": [[0.0, 0.0, "1"]], "rx_m": [[0, 0, 0]]}, "tx_m.0.2 = '1'; expected a number"),
         (Reflector, {"range_m": "3"}, "range_m = '3'; expected a number"),
         (Calibration, {"model_error_db": "-20"}, "model_error_db = '-20'; expected a number"),
         (Capture, {"frames": True}, "frames = True; expected a whole number"),

@@ -20,7 +20,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from jaxtyping import Float, Float64
-from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import Field, FiniteFloat, ValidationError, model_validator
 
 from shared.physics.errors import InputError
 from shared.physics.units import ArrayOrScalar, db_to_power, power_to_db
@@ -81,7 +81,7 @@ class ParabolicPattern(Described):
         return db_to_power(self.gain_dbi - np.minimum(loss, self.floor_db))
 
 
-class Tr38901Pattern(BaseModel, frozen=True, extra="forbid"):
+class Tr38901Pattern(Described):
     """The base-station element of 3GPP TR 38.901, Table 7.3-1, which leaves nothing to choose.
 
     A = -min(A_V + A_H, 30), A_V = min(12 (el / 65 deg)^2, 30), A_H = min(12 (az / 65 deg)^2, 30), gain 8 dBi. The gain
@@ -189,7 +189,7 @@ COLUMNS = ("azimuth_deg", "elevation_deg", "gain_dbi")
 WHOLE_SPHERE = {"azimuth_deg": (-180.0, 180.0), "elevation_deg": (-90.0, 90.0)}
 
 
-class TablePattern(BaseModel, frozen=True, extra="forbid"):
+class TablePattern(Described):
     """Gain on a full rectangular grid, bilinear in dB between its points.
 
     In a radar's TOML file ``{ kind = "table", file = "pattern.csv" }`` stands for the values: the file is read when the
@@ -299,7 +299,7 @@ def read_table(path: Path, outside_gain_dbi: float | None = None) -> TablePatter
         )
     except ValidationError as error:
         problem, expected = first_validation_error(error)
-        raise InputError(path, problem.removeprefix("document: "), expected) from error
+        raise InputError(path, problem, expected) from error
 
 
 def _number(path: Path, line: int, column: str, text: str) -> float:

@@ -11,10 +11,11 @@ from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float, Float64, Int
-from pydantic import BaseModel, Field, FiniteFloat, model_validator
+from pydantic import Field, FiniteFloat, model_validator
 
 from shared.physics.errors import Told
 from shared.physics.units import SPEED_OF_LIGHT
+from shared.radar.validation import Described
 
 Position = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
@@ -31,7 +32,7 @@ MOST_CHANNELS = 2**14
 """Some eight times the largest imaging radars."""
 
 
-class AntennaArray(Told, BaseModel, frozen=True, extra="forbid"):
+class AntennaArray(Told, Described):
     """A MIMO array of TX and RX phase centres.
 
     :param tx_m: TX positions in the radar frame [m]

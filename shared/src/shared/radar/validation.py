@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError, model_validator
 
@@ -41,24 +41,40 @@ class Described(BaseModel, frozen=True, extra="forbid"):
     @classmethod
     def _as_they_are_meant(cls, given: Any) -> Any:
         for name, field in cls.model_fields.items() if isinstance(given, dict) else ():
-            kinds = _plain_kinds(field.annotation)
-            if kinds and kinds <= {int, float} and isinstance(given.get(name), str | bool):
-                raise _fault(cls, name, given[name], "int_type" if kinds == {int} else "float_type")
-            if kinds == {bool} and not isinstance(given.get(name, True), bool | None):
-                raise _fault(cls, name, given[name], "bool_type")
+            kinds = _kinds(field.annotation)
+            for place, value in _values(given.get(name), (name,)):
+                if kinds and kinds <= {int, float} and isinstance(value, str | bool):
+                    raise _fault(cls, place, value, "int_type" if kinds == {int} else "float_type")
+                if kinds == {bool} and not isinstance(value, bool | None):
+                    raise _fault(cls, place, value, "bool_type")
         return given
 
 
-def _fault(model: type[BaseModel], name: str, value: object, kind: str) -> ValidationError:
+Place = tuple[int | str, ...]
+
+
+def _fault(model: type[BaseModel], place: Place, value: object, kind: str) -> ValidationError:
     """That of a field, as pydantic would tell it."""
-    fault: Any = {"type": kind, "loc": (name,), "input": value}
+    fault: Any = {"type": kind, "loc": place, "input": value}
     return ValidationError.from_exception_data(model.__name__, [fault])
 
 
-def _plain_kinds(annotation: object) -> set[object]:
-    """The types that a value may have, without their bounds; None is left out."""
-    several = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
-    return {getattr(kind, "__origin__", kind) for kind in several} - {NoneType}
+def _kinds(annotation: object) -> set[object]:
+    """The types that a value, or an entry of a tuple, may have, without their bounds; None is left out."""
+    if get_origin(annotation) is Annotated:
+        return _kinds(get_args(annotation)[0])
+    if get_origin(annotation) in (Union, UnionType, tuple):
+        return set[object]().union(*map(_kinds, get_args(annotation)))
+    return {annotation} - {NoneType, Ellipsis}
+
+
+def _values(given: object, place: Place) -> Iterator[tuple[Place, object]]:
+    """A value, or the entries of a list with their places in it."""
+    if not isinstance(given, list | tuple):
+        yield place, given
+        return
+    for index, entry in enumerate(given):
+        yield from _values(entry, (*place, index))
 
 
 def first_validation_error(error: ValidationError, place: str = "", keys: Iterable[str] = ()) -> tuple[str, str]:
@@ -75,8 +91,9 @@ def first_validation_error(error: ValidationError, place: str = "", keys: Iterab
         return f"unknown field {field}", f"one of {', '.join(known)}{near}" if known else "a field of this table"
     if fault["type"] == "value_error":
         text, name = str(fault["ctx"]["error"]), field.rpartition(".")[2]
-        # A field's own check names it too.
-        return (f"{field}{text[len(name) :]}" if text.startswith(f"{name} = ") else f"{field}: {text}"), ""
+        # A field's own check names it too, and that of several fields names them.
+        named = f"{field}{text[len(name) :]}" if text.startswith(f"{name} = ") else f"{field}: {text}"
+        return named if fault["loc"] else text, ""
     value = "missing" if fault["type"] == "missing" else f"= {fault['input']!r}"
     return f"{field} {value}", _expected(fault)
 
@@ -107,7 +124,7 @@ def validated(model: type[Model], document: object, source: object, others: Iter
         raise InputError(source, *first_validation_error(error, keys=known)) from error
 
 
-def _fields_at(model: type[BaseModel], place: tuple[int | str, ...]) -> list[str]:
+def _fields_at(model: type[BaseModel], place: Place) -> list[str]:
     """The fields of the table in which the last part of a fault's place stands; none where that is left open."""
     models = [model]
     for part in place[:-1]:

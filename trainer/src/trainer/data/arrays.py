@@ -26,7 +26,7 @@ class ArrayChoice(Described):
     """
 
     name: str
-    rx: Annotated[tuple[Annotated[int, Field(ge=0, strict=True)], ...], Field(min_length=1)]
+    rx: Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1)]
 
     @field_validator("rx")
     @classmethod
