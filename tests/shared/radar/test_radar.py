@@ -331,3 +331,10 @@ def test_a_wrong_file_is_one_line(tmp_path: Path, text: str, parts: list[str]) -
 def test_a_wrong_cfg_is_one_line(tmp_path: Path, old: str, new: str, message: str) -> None:
     (tmp_path / "profile.cfg").write_text(CFG.replace(old, new), encoding="utf-8")
     assert message in refusal(tmp_path / "radar.toml", "board = 'iwr1843'\ncapture = 'profile.cfg'")
+
+
+def test_what_a_radar_does_not_allow_together_is_refused_where_it_is_built() -> None:
+    with pytest.raises(ValidationError, match="at least 3 x chirp_duration_s = "):
+        Radar(waveform=Waveform(multiplexing="tdm"))
+    with pytest.raises(ValidationError, match="expected 1, which lights the truth"):
+        Radar(virtual_sensor=load_radar("iwr1443").array)

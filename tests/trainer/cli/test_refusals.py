@@ -78,12 +78,12 @@ FIT = [
     ("none --width 1000000000", "trainer fit: width = 1000000000"),
     ("none --batch 1000000000", "trainer fit: batch = 1000000000"),
     ("none --seed 123456789012345678901234567890", "Invalid value for '--seed'"),
-    ("none --target class", "trainer fit: document: model 'unrolled' answers target 'row'"),
-    ("none --features adaptive", "trainer fit: document: model 'unrolled' and features 'snapshots' belong together"),
-    ("none --model spectral-unet --target paper", "trainer fit: document: target 'paper' is normalised per whole"),
-    ("none --model spectral-unet --features paper", "trainer fit: document: target 'row' needs the scale"),
-    ("none --model spectral-unet --features snapshots", "trainer fit: document: model 'unrolled' and features"),
-    ("none --model doa-cnn", "trainer fit: document: model 'doa-cnn', features 'covariance' and target 'doa' belong"),
+    ("none --target class", "trainer fit: model 'unrolled' answers target 'row'"),
+    ("none --features adaptive", "trainer fit: model 'unrolled' and features 'snapshots' belong together"),
+    ("none --model spectral-unet --target paper", "trainer fit: target 'paper' is normalised per whole"),
+    ("none --model spectral-unet --features paper", "trainer fit: target 'row' needs the scale"),
+    ("none --model spectral-unet --features snapshots", "trainer fit: model 'unrolled' and features"),
+    ("none --model doa-cnn", "trainer fit: model 'doa-cnn', features 'covariance' and target 'doa' belong"),
     (
         "none --hidden 7",
         "trainer fit: hidden = 7 makes no difference with model 'unrolled'; expected no hidden, or model ",
@@ -288,7 +288,7 @@ CUBES = {
     "numbers.npz": (of_radar(np.arange(3)), "radar is not JSON"),
     "field.npz": (of_radar('{"chirps": 3}'), "radar: unknown field chirps"),
     "grid.npz": (of_radar('{"grid": {"bins": 10000000}}'), "radar: grid.bins = 10000000"),
-    "room.npz": (of_radar('{"waveform": {"chirps": 65536, "samples": 1048576}}'), "radar: document: chirps = 65536"),
+    "room.npz": (of_radar('{"waveform": {"chirps": 65536, "samples": 1048576}}'), "radar: chirps = 65536"),
 }  # fmt: skip
 
 

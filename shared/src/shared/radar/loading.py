@@ -7,16 +7,15 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
-import numpy as np
-from pydantic import BaseModel, Field, StrictFloat, ValidationError
+from pydantic import Field, ValidationError
 
 from shared.physics.errors import InputError, meant
-from shared.radar.antenna import PatchPattern, read_table
+from shared.radar.antenna import read_table
 from shared.radar.arrays import virtual_sensor_256
 from shared.radar.boards import BOARDS, mirrored
 from shared.radar.profile import ChirpProfile, read_cfg
 from shared.radar.radar import Radar
-from shared.radar.validation import first_validation_error, read_toml, validated
+from shared.radar.validation import Described, first_validation_error, read_toml, validated
 from shared.radar.waveform import Waveform
 
 
@@ -41,11 +40,6 @@ PRESETS: dict[str, Callable[[], Radar]] = {
 
 ABOVE = ("board", "mirror", "capture")
 """Entries of a radar's file that say what its tables begin with."""
-WIDEST_STEP = 0.55
-"""Wavelengths between neighbours of the virtual sensor: half of one, and as much as a sensor that was laid out for
-another carrier of the band differs."""
-MAXIMUM_RESIDUAL_PHASE_RAD = 0.3
-"""The first order of exp(j x) that the phase noise's model keeps is then wrong by at most x^2 / 2, -27 dB."""
 
 
 def load_radar(name_or_path: str) -> Radar:
@@ -101,7 +95,6 @@ def load_capture_radar(path_of_radar: str, board: str | None, mirror: bool = Fal
     _read_pattern_tables(path, document)
     real, rx = _on_board(path, document, mirror)
     radar = validated(Radar, {"name": path.stem, **document}, path, ABOVE)
-    _check_together(path, radar)
     return CaptureRadar(radar, real, rx)
 
 
@@ -151,12 +144,12 @@ def _on_board(path: Path, document: dict[str, Any], turned: bool) -> tuple[bool,
     return real, rx
 
 
-class _TableFile(BaseModel, extra="forbid"):
+class _TableFile(Described):
     """A pattern that is named by the file of its table."""
 
     kind: Literal["table"]
     file: Annotated[str, Field(min_length=1)]
-    outside_gain_dbi: StrictFloat | None = None
+    outside_gain_dbi: float | None = None
 
 
 def _read_pattern_tables(path: Path, document: dict[str, Any]) -> None:
@@ -169,31 +162,3 @@ def _read_pattern_tables(path: Path, document: dict[str, Any]) -> None:
         if isinstance(pattern, dict) and "file" in pattern:
             named = validated(_TableFile, pattern, f"{path}: front_end.{name}")
             front_end[name] = read_table(path.parent / named.file, named.outside_gain_dbi)
-
-
-def _check_together(path: Path, radar: Radar) -> None:
-    """What waveform, array and front end allow only together."""
-    waveform, tx_count = radar.waveform, len(radar.array.tx_m)
-    turn = waveform.chirp_interval_s / tx_count
-    # A part in 1e9: intervals written as a rounded multiple of the duration are meant to be that multiple.
-    if waveform.multiplexing == "tdm" and turn < waveform.chirp_duration_s * (1.0 - 1e-9):
-        problem = f"waveform.chirp_interval_s = {waveform.chirp_interval_s!r} leaves each of {tx_count} TX {turn:g} s"
-        expected = f"at least {tx_count} x chirp_duration_s = {tx_count * waveform.chirp_duration_s:g} with tdm"
-        raise InputError(path, problem, expected)
-    sensor = radar.virtual_sensor
-    if len(sensor.tx_m) != 1:
-        raise InputError(path, f"virtual_sensor.tx_m has {len(sensor.tx_m)} TX", "1, which lights the truth")
-    steps = np.linalg.norm(np.diff(sensor.rx, axis=0), axis=1) / waveform.wavelength_m
-    if steps.max(initial=0.0) > WIDEST_STEP:
-        problem = f"virtual_sensor.rx_m has neighbours {steps.max():.3g} wavelengths apart"
-        raise InputError(path, problem, "RX in their order along a line, half a wavelength apart")
-    for end in ("tx", "rx"):
-        pattern, polarization = (getattr(radar.front_end, f"{end}_{name}") for name in ("pattern", "polarization"))
-        axis = {"V": "z", "H": "y"}[polarization]
-        if isinstance(pattern, PatchPattern) and pattern.resonant_along != axis:
-            problem = f"front_end.{end}_pattern.resonant_along = {pattern.resonant_along!r}"
-            raise InputError(path, problem, f"{axis!r} with {end}_polarization = {polarization!r}")
-    noise = radar.front_end.phase_noise
-    if noise is not None and noise.residual_rad(waveform) > MAXIMUM_RESIDUAL_PHASE_RAD:
-        problem = f"front_end.phase_noise leaves {noise.residual_rad(waveform):.2g} rad on the farthest echo"
-        raise InputError(path, problem, f"at most {MAXIMUM_RESIDUAL_PHASE_RAD} rad, where its model holds")

@@ -118,7 +118,7 @@ def read_cfg(path: Path) -> ChirpProfile:
         )
     except ValidationError as error:
         problem, expected = first_validation_error(error)
-        raise InputError(path, f"profileCfg: {problem.removeprefix('document: ')}", expected) from error
+        raise InputError(path, f"profileCfg: {problem}", expected) from error
 
 
 def _lines(path: Path) -> dict[str, list[list[str]]]:

@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_valid
 
 from shared.physics.errors import Told
 from shared.physics.units import BOLTZMANN, REFERENCE_TEMPERATURE, db_to_power
+from shared.radar.antenna import PatchPattern
 from shared.radar.arrays import AntennaArray, avr_qdm_110, virtual_sensor_256
 from shared.radar.front_end import FrontEnd
 from shared.radar.validation import Described
@@ -22,6 +23,11 @@ digits, 1e-9 bins. An image folded at an axis 1e-6 bins off has phases wrong by 
 elements, -116 dB."""
 
 
+WIDEST_STEP = 0.55
+"""Wavelengths between neighbours of the virtual sensor: half of one, and as much as a sensor that was laid out for
+another carrier of the band differs."""
+MAXIMUM_RESIDUAL_PHASE_RAD = 0.3
+"""The first order of exp(j x) that the phase noise's model keeps is then wrong by at most x^2 / 2, -27 dB."""
 LARGEST_GB = 2
 LARGEST_ARRAY = LARGEST_GB * 10**9
 """Bytes of a frame's cube, of its image and of the matrices that make them. The default radar's cube has 50 MB, that of
@@ -86,6 +92,7 @@ class Radar(Told, BaseModel, frozen=True, extra="forbid"):
     :param front_end: powers, noise, patterns, polarisation, imperfections
     :param grid: the angle axis of images
     :param virtual_sensor: the truth's array, at the same origin
+    :raises ValidationError: turns of TX that overlap, and what else these allow only together
     """
 
     name: str = "custom"
@@ -114,6 +121,41 @@ class Radar(Told, BaseModel, frozen=True, extra="forbid"):
         for factors, what, size in sizes:
             if size > LARGEST_ARRAY:
                 raise ValueError(f"{factors} make {what} of {size / 1e9:.3g} GB; expected at most {LARGEST_GB} GB")
+        return self
+
+    @model_validator(mode="after")
+    def _allowed_together(self) -> Radar:
+        waveform, tx_count = self.waveform, len(self.array.tx_m)
+        turn = waveform.chirp_interval_s / tx_count
+        # A part in 1e9: intervals written as a rounded multiple of the duration are meant to be that multiple.
+        if waveform.multiplexing == "tdm" and turn < waveform.chirp_duration_s * (1.0 - 1e-9):
+            raise ValueError(
+                f"waveform.chirp_interval_s = {waveform.chirp_interval_s!r} leaves each of {tx_count} TX {turn:g} s; "
+                f"expected at least {tx_count} x chirp_duration_s = {tx_count * waveform.chirp_duration_s:g} with tdm"
+            )
+        sensor = self.virtual_sensor
+        if len(sensor.tx_m) != 1:
+            raise ValueError(f"virtual_sensor.tx_m has {len(sensor.tx_m)} TX; expected 1, which lights the truth")
+        steps = np.linalg.norm(np.diff(sensor.rx, axis=0), axis=1) / waveform.wavelength_m
+        if steps.max(initial=0.0) > WIDEST_STEP:
+            raise ValueError(
+                f"virtual_sensor.rx_m has neighbours {steps.max():.3g} wavelengths apart; expected RX in their order "
+                "along a line, half a wavelength apart"
+            )
+        for end in ("tx", "rx"):
+            pattern, polarization = (getattr(self.front_end, f"{end}_{name}") for name in ("pattern", "polarization"))
+            axis = {"V": "z", "H": "y"}[polarization]
+            if isinstance(pattern, PatchPattern) and pattern.resonant_along != axis:
+                raise ValueError(
+                    f"front_end.{end}_pattern.resonant_along = {pattern.resonant_along!r}; expected {axis!r} with "
+                    f"{end}_polarization = {polarization!r}"
+                )
+        noise = self.front_end.phase_noise
+        if noise is not None and noise.residual_rad(waveform) > MAXIMUM_RESIDUAL_PHASE_RAD:
+            raise ValueError(
+                f"front_end.phase_noise leaves {noise.residual_rad(waveform):.2g} rad on the farthest echo; expected "
+                f"at most {MAXIMUM_RESIDUAL_PHASE_RAD} rad, where its model holds"
+            )
         return self
 
     def __str__(self) -> str:
