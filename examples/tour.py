@@ -142,8 +142,8 @@ draw_images("delay-and-sum", {"all 16 receivers": full, "6 receivers": thinned})
 # %% [markdown]
 # ## The network
 #
-# The network for `sparse6` comes with the package. It was trained on frames of four scenes, of which this street is
-# one. `docs/experiments.md` says how it does on a city that it never saw.
+# The network for `sparse6` comes with the package. It was trained on frames of seven scenes, of which this street is
+# one. `docs/notes/weights.md` says how it does in cities that it never saw.
 
 # %%
 noise = torch.full((len(measured),), example.metadata["noise_power"])  # [W], of each Doppler peak

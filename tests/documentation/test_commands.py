@@ -58,7 +58,7 @@ SMALLER_PYTHON = {
 
 NOT_RUN = {
     "make setup": "minutes, and a package index; continuous integration begins with it",
-    "make dataset": "six minutes; the same commands are run here on smaller scenes",
+    "make dataset": "minutes; the same commands are run here on smaller scenes",
     "make smoke": "continuous integration's first look; the same commands are run here",
     "make accuracy": "minutes; tests/datafactory/accuracy runs the command on a small scene",
     "make docs": "tests/documentation/test_reference.py builds the site",

@@ -1,4 +1,4 @@
-"""Run the catalogue of hard cases and print it as the table of docs/notes/hardcases.md.
+"""Run the catalogue of hard cases and print it as a table; docs/notes/hardcases.md has the worst of each.
 
     python tests/hardcases/run.py [--only WORD]
 

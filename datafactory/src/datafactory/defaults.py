@@ -12,8 +12,8 @@ INSTALL_TORCH = "torch for CUDA: pip install --force-reinstall torch (the public
 """What signals on a GPU need."""
 
 DEFAULT_RAYS = 200_000
-"""Three times as many light nearly half of the cells within 30 m by five paths, take 1.6 times the time of a frame, and
-do not bring the power of its cells nearer to the mean (docs/notes/speckle.md)."""
+"""Three times as many light two thirds of the cells within 30 m by five paths, where these light half, and bring the
+error of a cell's power from -29 to -33 dB (docs/notes/speckle.md)."""
 
 MOST_RAYS = 20_000_000
 """See :data:`datafactory.run.memory.RAY_BYTES`."""

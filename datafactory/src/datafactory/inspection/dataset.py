@@ -88,7 +88,7 @@ MEANINGS = {
     "mirrors_hidden": "mirrors that something stands before",
     "curved_mirrors": "places on curved surfaces that reflect straight back",
     "curved_mirrors_hidden": "curved mirrors that something stands before",
-    "triangles_round_their_focus": "triangles of curved surfaces so near a focus that their echo is held down",
+    "triangles_round_their_focus": "triangles of curved surfaces that lie around their focus, and are left out",
     "facets_too_coarse": "facets that look like a curved surface and reflect as flat ones; a finer mesh would tell",
     "right_angles": "pairs of faces at a right angle",
     "corner_edges": "edges of right-angled corners",

@@ -173,7 +173,7 @@ def estimated_motion(
     ITSC 2013: two detections propose (v_x, v_y), all others vote, least squares over those that agree ends it. Here a
     pair proposes a velocity for every fold of its two Doppler values, below :data:`FASTEST_MPS`, and of proposals of
     equal votes the slowest is taken. The standard deviation is that of least squares. It does not hold what heights do:
-    in a street the estimate was 0.5 to 1.1 % slow (docs/notes/ego-motion.md).
+    in a street the estimate was 0.5 to 1.4 % slow (docs/notes/ego-motion.md).
 
     :param seed: of the frame
     """
