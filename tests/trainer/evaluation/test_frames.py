@@ -17,6 +17,7 @@ from trainer.evaluation.experiments.frames import FrameScores, one_of_each_scene
 from trainer.evaluation.report.page import from_bytes, scene_levels, to_bytes
 from trainer.metrics.cells import truth_cells
 from trainer.run.answers import Answer
+from trainer.run.imager import AMPLITUDE
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +25,8 @@ class Known(Answer):
     """Answers with what a function says."""
 
     function: Any
+    unit: str = AMPLITUDE
+    detects: bool = False
 
     def images(self, range_channel, told):
         return self.function(range_channel, told.noise_power)

@@ -62,17 +62,12 @@ class Answer(ABC):
     :param array: the channels that it looks at, as output files name them
     :param channels: [C] those among the radar's
     :param radar: of the data, its grid that of the images
-    :param row_wise: an image row depends on nothing but that row's snapshot
-    :param detects: it ranks its detections by more than their level
     """
 
     name: str
     array: ArrayChoice
     channels: NDArray[np.intp]
     radar: Radar
-    unit: str
-    row_wise: bool
-    detects: bool
 
     @cached_property
     def line(self) -> LineArray:
@@ -94,8 +89,23 @@ class Answer(ABC):
     def baseline(self, measurement: Measurement) -> NDArray[np.floating]:
         """[R, U] delay-and-sum image of the same channels, the maximum over the peaks [sqrt(W)]."""
         seen_by = self.array, self.channels, self.radar
-        plain = EstimatorAnswer("das", *seen_by, AMPLITUDE, row_wise=True, detects=False, estimator=DelayAndSum())
+        plain = EstimatorAnswer("das", *seen_by, DelayAndSum())
         return np.asarray(plain.peaks(measurement)[0].max(axis=0))
+
+    @property
+    def unit(self) -> str:
+        """Of its images."""
+        return AMPLITUDE
+
+    @property
+    def row_wise(self) -> bool:
+        """Whether an image row depends on nothing but that row's snapshot."""
+        return True
+
+    @property
+    def detects(self) -> bool:
+        """Whether it ranks its detections by more than their level."""
+        return False
 
     @property
     def uses_motion(self) -> bool:
@@ -180,6 +190,18 @@ class NetworkAnswer(Answer):
     """A run's network."""
 
     imager: Imager
+
+    @property
+    def unit(self) -> str:
+        return UNITS[self.imager.config.target]
+
+    @property
+    def row_wise(self) -> bool:
+        return self.imager.config.model == "doa-cnn"
+
+    @property
+    def detects(self) -> bool:
+        return self.imager.detects
 
     @property
     def uses_motion(self) -> bool:
@@ -269,16 +291,13 @@ def network_answer(
     """
     radar = radar or run.radar
     channels = run.array.channels(run.radar) if channels is None else channels
-    shown, config = radar.model_copy(update={"grid": run.radar.grid}), run.config
-    return NetworkAnswer(
-        config.model, run.array, channels, shown, UNITS[config.target], config.model == "doa-cnn", imager.detects,
-        imager.to(best_device()),
-    )  # fmt: skip
+    shown = radar.model_copy(update={"grid": run.radar.grid})
+    return NetworkAnswer(run.config.model, run.array, channels, shown, imager.to(best_device()))
 
 
 def array_answer(name: str, array: ArrayChoice, radar: Radar) -> EstimatorAnswer:
     """The estimator of this name (:data:`trainer.estimators.base.ESTIMATORS`) on the channels of an array."""
-    return EstimatorAnswer(name, array, array.channels(radar), radar, AMPLITUDE, True, False, ESTIMATORS[name]())
+    return EstimatorAnswer(name, array, array.channels(radar), radar, ESTIMATORS[name]())
 
 
 def estimator_answer(name: str, radar: Radar, dead_channels: tuple[int, ...] = ()) -> EstimatorAnswer:
