@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from shared.radar import Radar
+from shared.radar import Radar, load_radar
 from shared.signal import if_signal
 from shared.signal.windows import cell_noise_power
 from trainer.captures.cube_file import CubeFile
@@ -15,7 +15,7 @@ from trainer.data.measurements import of_cube
 from trainer.data.simulation import amplitude_of, in_plane
 from trainer.estimators.base import ESTIMATORS, line_array
 from trainer.estimators.fitting import FittedLines, RangePlace, hann_correlation, hann_response
-from trainer.estimators.velocities import velocity_offsets
+from trainer.estimators.velocities import lean, velocity_offsets
 from trainer.run.detections import Detections, Sought, find_detections
 
 
@@ -61,6 +61,25 @@ def test_the_stated_deviation_is_that_of_the_errors(cells) -> None:
     assert np.median(stated) < 0.02 * step
     assert 0.75 < np.sqrt(np.mean(z**2)) < 1.3
     assert np.abs(z).max() < 4.5
+
+
+def test_of_tx_in_turn_the_angle_is_put_right_by_the_velocity() -> None:
+    """Targets at any place in their Doppler cell, 30 dB: without that their errors are 1.6 times what is stated."""
+    radar, error, stated = short(load_radar("iwr1843"), chirps=32), [], []
+    for seed in range(4):
+        draw = np.random.default_rng(100 + seed)
+        bins, u = np.linspace(10.0, 22.0, 10) / radar.waveform.range_step_m, draw.uniform(-0.6, 0.6, 10)
+        velocity = draw.uniform(-0.4, 0.4, 10) * radar.waveform.velocity_span_mps
+        found = seen(radar, bins, u, velocity, 30.0, seed, "all")
+        for place, angle in zip(bins, u, strict=True):
+            near = np.abs(found.range_m / radar.waveform.range_step_m - place) < 0.6
+            (index,) = np.flatnonzero(near & (np.abs(found.u - angle) < 0.08))
+            error.append(found.u[index] - angle)
+            stated.append(found.u_std[index])
+    z = np.array(error) / np.array(stated)
+    assert np.median(stated) < 0.0015
+    assert 0.5 < np.sqrt(np.mean(z**2)) < 1.2
+    assert lean(line_array(radar), radar) != 0.0 == lean(line_array(Radar()), Radar())
 
 
 def test_the_offset_is_where_plain_least_squares_has_it() -> None:

@@ -15,7 +15,17 @@ is largest, and by the Cramer-Rao bound its variance is
 
     sigma^2 (A^H A)^-1_kk / (2 |s|^2 h'^T (W - W h h^T W / h^T W h) h')
 
-(h' the derivative by delta). Limits: the lines of a group are told apart by range and angle alone; what shares both and
+(h' the derivative by delta).
+
+**TX in turn.** The channels of a cell are turned back by its centre's frequency (:mod:`shared.signal.tdm`). A line
+delta cells above it keeps 2 pi delta i / (N M) in those of TX i, with N TX and M chirps, which over the elements'
+places p_c looks like an angle. By least squares over the channels u is too small by
+
+    delta lambda / (N M) sum_c (p_c - p) i_c / sum_c (p_c - p)^2,    p = mean_c p_c
+
+(:func:`lean`). It is put right by delta, and its deviation has that of delta in it.
+
+Limits: the lines of a group are told apart by range and angle alone; what shares both and
 differs in velocity by less than two cells is one line here. A velocity is constant for a frame. sigma^2 is the
 receiver's noise alone: what the model leaves out of an echo is alike in its three cells.
 """
@@ -25,6 +35,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from shared.radar import Radar
+from shared.signal.signal import chirp_times
 from trainer.estimators.array import LineArray
 from trainer.estimators.fitting import (
     FittedLines,
@@ -80,6 +92,16 @@ def velocity_offsets(
     delta, deviation = np.full(there.shape, np.nan), np.full(there.shape, np.nan)
     delta[there], deviation[there] = _offsets(amplitude[there], sigma2[there])
     return delta, deviation
+
+
+def lean(array: LineArray, radar: Radar) -> float:
+    """By how much the u of a lone line seems too small for each Doppler cell that it stands above its own; 0 where all
+    TX send at once, or nothing tells the angle."""
+    place = array.positions_m - array.positions_m.mean()
+    if array.elements is None or not place.any():
+        return 0.0
+    cycles = chirp_times(radar)[array.elements[0], 0] / (radar.waveform.chirps * radar.waveform.chirp_interval_s)
+    return float(array.wavelength_m * (place @ cycles) / (place @ place))
 
 
 def _responses(

@@ -33,7 +33,7 @@ from trainer.estimators.fitting import (
     line_threshold,
     score_peaks,
 )
-from trainer.estimators.velocities import UNIFORM, velocity_offsets
+from trainer.estimators.velocities import UNIFORM, lean, velocity_offsets
 from trainer.run.false_alarms import first_line_threshold
 from trainer.run.targets_once import Beams, Centres, Lines, heard_centres
 
@@ -84,7 +84,7 @@ class Detections:
     :param u: [N] sin(azimuth)
     :param velocity: [N] fitted where the cells beside its Doppler cell are known, else that cell's [m/s]
     :param amplitude_db: [N] of the line in its range-Doppler cell [dB re 1 sqrt(W)]
-    :param u_std: [N] standard deviation of u by the Cramer-Rao bound
+    :param u_std: [N] standard deviation of u by the Cramer-Rao bound; of TX in turn with that of the velocity
     :param probability: [N] that an echo stands there, by :func:`line_probability`
     :param range_std: [N] likewise of the range, that of a uniform bin where it is the bin's [m]
     :param velocity_std: [N] likewise of the velocity [m/s]
@@ -212,7 +212,7 @@ def _fitted(
     :param straight: [R, C] what undoes the bend of wave fronts at each bin's range
     :param candidates: [n, P] angles that each fit begins with, NaN for none
     """
-    waveform, range_m = radar.waveform, _range_m(radar, len(straight))
+    waveform, range_m, leaning = radar.waveform, _range_m(radar, len(straight)), lean(array, radar)
     # Of no group: an index, and the nine other columns below.
     parts: list[list[NDArray[Any]]] = [[np.empty(0, dtype=np.intp), *[np.empty(0)] * 9]]
     for peaks_at, members in centres.patterns():
@@ -232,7 +232,8 @@ def _fitted(
             below, above = others
             shift = velocity_offsets(np.stack([below, values, above]), bins, array, at, lines, test.noise_power)
         group, line = np.nonzero(np.abs(lines.amplitude) > 0.0)
-        columns = (lines.u, lines.offset, np.abs(lines.amplitude), lines.u_std, lines.offset_std, *shift)
+        u, u_std = lines.u + leaning * shift[0], np.hypot(lines.u_std, 0 * leaning * shift[1])
+        columns = (u, lines.offset, np.abs(lines.amplitude), u_std, lines.offset_std, *shift)
         u, offset, amplitude, *told = (column[group, line] for column in columns)
         energy = power.sum(axis=1)[group]
         parts.append([members[group], energy, noise[group], u, offset, amplitude_to_db(amplitude), *told])
