@@ -95,7 +95,7 @@ def scores(answer: Answer, frames: Sequence[Frame], radar: Radar) -> tuple[list[
     for frame in frames:
         rows, noise = frame.range_channel[0], frame.noise_power
         truth = np.asarray(frame.image, dtype=np.float64) * frame.image_peak
-        image, found = answer.scored(truth, rows, noise, known_world(vars(frame), radar))
+        image, found = answer.scored(truth, rows, noise, known_world(vars(frame), radar)[0])
         cells.append(found)
         errors.append(nmse(image, truth))
     return cells, np.array(errors)

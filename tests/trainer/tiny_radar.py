@@ -71,7 +71,7 @@ def write_dataset(directory: Path, frames: dict[str, list[Frame]], radar: Radar 
     return directory
 
 
-def small_dataset(directory: Path, training: int = 8, validation: int = 2) -> Path:
+def small_dataset(directory: Path, training: int = 8, validation: int = 2, radar: Radar = RADAR) -> Path:
     return write_dataset(
         directory,
         {
@@ -79,4 +79,5 @@ def small_dataset(directory: Path, training: int = 8, validation: int = 2) -> Pa
             "validation": [frame(100 + index) for index in range(validation)],
             "test": [frame(200)],
         },
+        radar,
     )

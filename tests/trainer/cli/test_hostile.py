@@ -93,8 +93,8 @@ def test_a_checkpoint_of_something_else_is_one_line_that_names_it(tmp_path, caps
 @pytest.mark.parametrize(("command", "largest"), [("evaluate", 30_000), ("fit", 60_000)])
 def test_a_full_disk_names_the_file_and_nothing_partial_stays(tmp_path, command, largest):
     """A limit on the size of files stands for a disk that is full."""
-    make, out = {"evaluate": make_data, "fit": small_dataset}[command], tmp_path / "run"
-    data = make(tmp_path / "data")
+    out, data = tmp_path / "run", tmp_path / "data"
+    make_data(data) if command == "evaluate" else small_dataset(data)
     arguments = {
         "evaluate": ["--arrays", "full", "--methods", "das", "--experiments", "noise-only", "--trials", "2"],
         "fit": [*SIZE, "--width", "8"],

@@ -7,6 +7,7 @@ import pytest
 from small_evaluation import FULL, RADAR, THIN, make_run, run_all
 
 from shared.physics.errors import InputError
+from shared.signal.windows import cell_noise_power
 from trainer.evaluation.experiments.bench import Bench
 from trainer.evaluation.experiments.contenders import estimator_contender, gather
 from trainer.evaluation.experiments.generalisation import trained_on
@@ -80,6 +81,14 @@ def test_a_network_has_seen_what_the_run_that_it_began_with_has(tmp_path):
     write_run(third, read_run(third).model_copy(update={"start": Start.of(second)}))
     (network,) = gather(["unet"], [third], [FULL], RADAR, tmp_path)
     assert network.trained_on == met
+
+
+def test_a_network_is_told_the_noise_of_the_data_and_not_of_its_own_radar(tmp_path):
+    front_end = RADAR.front_end.model_copy(update={"noise_figure_db": RADAR.front_end.noise_figure_db + 30.0})
+    noisy = RADAR.model_copy(update={"front_end": front_end})
+    (network,) = gather(["unet"], [make_run(tmp_path / "run", FULL)], [FULL], noisy, tmp_path)
+    assert network.answer.radar.front_end == noisy.front_end
+    assert cell_noise_power(network.answer.radar) == pytest.approx(1e3 * cell_noise_power(RADAR), rel=1e-9, abs=0.0)
 
 
 def test_a_network_of_angles_takes_rows_alone_and_was_trained_on_no_scene(tmp_path):

@@ -141,6 +141,18 @@ def test_what_moves_is_found_in_its_own_doppler_cell_only():
     assert found.tolist() == [[0, 0, 0], [1, 0, 1]]
 
 
+def test_a_method_is_told_what_the_motion_says_of_each_doppler_peak(monkeypatch):
+    made, worlds = frame(3, RADAR), []
+
+    def image_and_score(_, rows, noise_power, world):
+        worlds.append(world)
+        return np.zeros((48, 20)), np.zeros((48, 20))
+
+    monkeypatch.setattr(Known, "image_and_score", image_and_score)
+    score_peaks(RADAR, known(np.zeros((48, 20))), made, keep=False)
+    np.testing.assert_array_equal([world.velocity_mps for world in worlds], made.velocity)
+
+
 def test_levels_keep_their_scale_as_bytes():
     image = np.outer(np.arange(1.0, 30.0), np.ones(4))
     levels = scene_levels(image, "sqrt(W)", 10.0 * image)

@@ -222,6 +222,13 @@ def test_any_number_of_rows_and_of_steps_and_one_or_two_outputs(count, detects, 
     assert torch.isfinite(answer).all()
 
 
+def test_an_image_may_have_fewer_angles_than_the_network_looks_aside():
+    few = RADAR.model_copy(update={"grid": RADAR.grid.model_copy(update={"bins": 5})})
+    made = UnrolledNetwork(few, chosen("sparse4"), "taylor-30", EXPONENT, (PLAIN, LEARNED), 4)
+    with torch.no_grad():
+        assert made(features(*rows(3))).shape == (1, 2, 3, 5)
+
+
 def test_bfloat16_stays_near_single_precision():
     made = network(trained=True)
     given = features(*rows(8))

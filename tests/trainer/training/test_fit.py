@@ -142,7 +142,7 @@ def test_a_run_begins_with_the_weights_of_another(dataset, ordinary, tmp_path):
     assert result.start is not None
     assert result.start.name == "first"
     assert read_run(tmp_path / "second").start == result.start
-    with pytest.raises(InputError, match=r"start is None, but the run in .* had name='first'"):
+    with pytest.raises(InputError, match=r"start is random weights, but the run in .* had first \("):
         run(dataset, tmp_path / "second", still, resume=True)
     assert [fingerprint.name for fingerprint in result.trained_on] == ["data", "data"]
 
@@ -159,9 +159,15 @@ def test_weights_survive_the_run_folder_bit_for_bit(tmp_path):
 
 
 def test_a_run_that_no_longer_improves_stops_early(dataset, tmp_path):
-    config = TINY.model_copy(update={"steps": 40, "validate_every": 1, "patience": 2, "learning_rate": 1e-12})
-    run(dataset, tmp_path / "run", config)
-    assert len(metrics(tmp_path / "run")) < 40
+    """Two validations no better than the one before the first step; resumed, it trains no more."""
+    config = TINY.model_copy(update={"steps": 40, "validate_every": 1, "patience": 2, "learning_rate": 1e-30})
+    _, lines = run(dataset, tmp_path / "run", config, start="none")
+    assert [row["step"] for row in metrics(tmp_path / "run")] == ["0", "1", "2"]
+    assert [line for line in lines if line.endswith("ends: the 2. without gain")]
+    before = last_state(tmp_path / "run")
+    run(dataset, tmp_path / "run", config, start="none", resume=True)
+    assert [row["step"] for row in metrics(tmp_path / "run")] == ["0", "1", "2"]
+    assert all(torch.equal(tensor, before[name]) for name, tensor in last_state(tmp_path / "run").items())
 
 
 def test_the_best_weights_are_those_of_the_least_loss(dataset, tmp_path):

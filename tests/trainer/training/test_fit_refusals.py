@@ -7,7 +7,7 @@ import pytest
 import torch
 from safetensors.torch import load_file
 from small_fit import run
-from tiny_radar import RADAR, TINY, frame, write_dataset
+from tiny_radar import RADAR, TINY, frame, small_dataset, write_dataset
 
 from shared.physics.errors import InputError
 from trainer import fit
@@ -30,6 +30,13 @@ def test_an_infinite_input_stops_with_its_frame_and_keeps_the_weights(dataset, t
         run(dataset, tmp_path / "run", TINY.model_copy(update={"steps": 8, "validate_every": 1}))
     if (tmp_path / "run" / WEIGHTS).is_file():
         assert all(torch.isfinite(tensor).all() for tensor in load_file(tmp_path / "run" / WEIGHTS).values())
+
+
+def test_truths_of_other_virtual_sensors_are_not_mixed(dataset, tmp_path):
+    sensor = RADAR.virtual_sensor.model_copy(update={"rx_m": RADAR.virtual_sensor.rx_m[:9]})
+    other = small_dataset(tmp_path / "other", radar=RADAR.model_copy(update={"virtual_sensor": sensor}))
+    with pytest.raises(InputError, match=r"virtual_sensor.rx_m = 9 positions .*; expected 17 positions .* has it"):
+        fit([dataset, other], tmp_path / "run", config=TINY)
 
 
 def test_a_damaged_shard_stops_before_training_by_its_path(dataset, tmp_path):

@@ -6,7 +6,7 @@ import signal
 import pytest
 import torch
 from small_fit import metrics, run
-from tiny_radar import TINY
+from tiny_radar import TINY, small_dataset
 
 from shared.physics.errors import InputError
 from trainer.run.configuration import CALIBRATED
@@ -85,6 +85,14 @@ def test_a_run_killed_while_it_noted_itself_goes_on(dataset, tmp_path):
     assert read_run(out) == result
     assert (out / WEIGHTS).is_file()
     assert not list(out.glob("*.partial"))
+
+
+def test_a_dataset_of_another_name_is_the_same_by_what_is_in_it(dataset, ordinary, tmp_path):
+    shutil.copytree(ordinary, tmp_path / "run")
+    run(shutil.copytree(dataset, tmp_path / "renamed"), tmp_path / "run", resume=True)
+    other = small_dataset(tmp_path / "other", training=4)
+    with pytest.raises(InputError, match=r"datasets is other \(\w{8}\), but the run in .* had data \(\w{8}\); exp"):
+        run(other, tmp_path / "run", resume=True)
 
 
 def test_what_a_resumed_run_must_not_change(dataset, ordinary, tmp_path):

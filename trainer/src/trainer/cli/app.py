@@ -15,6 +15,7 @@ from shared.cli.options import asking
 from shared.physics.errors import InputError
 from shared.processes.telling import AnnouncingOptions
 from trainer.captures.options import CalibrateOptions, ImportOptions
+from trainer.defaults import TENSORBOARD
 from trainer.errors import TrainingStopped, out_of_memory
 from trainer.evaluation.options import EvaluateOptions
 from trainer.run.options import ExportOptions, PredictRequest
@@ -74,7 +75,8 @@ def fit(asked: FitRequest) -> None:
     # The located name is shown: a URI as given may hold a key.
     data, run = shlex.quote(str(locate(asked.datasets[0]))), shlex.quote(str(asked.out))
     next_command = f"trainer predict {run} {data} --out DIR"
-    plain_console().print(f"run in {asked.out}; curves: tensorboard --logdir {run}; next: {next_command}")
+    curves = f"curves: tensorboard --logdir {run}; " if asked.logger == TENSORBOARD else ""
+    plain_console().print(f"run in {asked.out}; {curves}next: {next_command}")
 
 
 @asking(PredictRequest)

@@ -68,12 +68,12 @@ def read_motion(cube: Path, frames: int) -> list[EgoMotion] | None:
 
 
 def known_world(frame: Mapping[str, Any], radar: Radar) -> StaticWorld:
-    """What the sensor's motion says of the rows [R] of a frame of a dataset at their strongest Doppler peaks.
+    """What the sensor's motion says of the rows [D, R] of a frame of a dataset.
 
     :param frame: its arrays or tensors by name, the velocity among them
     """
     velocity, orientation = (np.asarray(frame[f"sensor_{name}"]).tolist() for name in ("velocity", "orientation"))
-    return StaticWorld(EgoMotion.of_pose(velocity, orientation), np.asarray(frame["velocity"][0]), radar)
+    return StaticWorld(EgoMotion.of_pose(velocity, orientation), np.asarray(frame["velocity"]), radar)
 
 
 @dataclass(frozen=True, eq=False)

@@ -233,7 +233,8 @@ class UnrolledNetwork(nn.Module):
             (0.25 * found.noise.clamp_min(SMALLEST).log10() + 0.5)[:, None].expand_as(power),
         ]
         for lag in LAGS:
-            far_real, far_imaginary = (functional.pad(part[:, lag:], (0, lag)) for part in (real, imaginary))
+            beyond = min(lag, self.bins)
+            far_real, far_imaginary = (functional.pad(part[:, lag:], (0, beyond)) for part in (real, imaginary))
             planes += [real * far_real + imaginary * far_imaginary, real * far_imaginary - imaginary * far_real]
         mean = (power * ratio.clamp_min(SMALLEST).sqrt() * form.sqrt() + SMALLEST).pow(self.exponent)
         return torch.stack([plane.reshape(found.shape) for plane in planes], dim=1), mean.reshape(found.shape)

@@ -152,7 +152,8 @@ class FitConfig(Described):
         ideal ones, see :mod:`trainer.training.imperfections`
     :param seed: of initial weights, data order, crops and augmentation
     :param precision: "bf16" computes the network in bfloat16 where the device can, weights stay float32
-    :param validate_every: most optimiser steps from one validation to the next; the last is at the end
+    :param validate_every: most optimiser steps from one validation to the next; the last is at the end, or where the
+        steps do not divide fewer steps before it than there are validations
     :param patience: validations without improvement before an early stop, 0 for never
     :param frames: of each dataset, train and validate with the frames whose ``frame_id`` is below it; 0 for all
     """

@@ -18,7 +18,7 @@ import hashlib
 import math
 import platform
 import shutil
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -127,6 +127,9 @@ class Fingerprint(BaseModel, frozen=True, extra="forbid"):
     frames: dict[str, int]
     scenes: tuple[SceneRecord, ...] | None = None
 
+    def __str__(self) -> str:
+        return f"{self.name} ({self.sha256[:8]})"
+
     @classmethod
     def of(
         cls,
@@ -150,6 +153,9 @@ class Start(BaseModel, frozen=True, extra="forbid"):
     name: str
     sha256: str
     trained_on: tuple[Fingerprint, ...]
+
+    def __str__(self) -> str:
+        return f"{self.name} ({self.sha256[:8]})"
 
     @classmethod
     def of(cls, directory: Path) -> Start:
@@ -308,12 +314,19 @@ def _kind(tensor: torch.Tensor) -> str:
     return f"{str(tensor.dtype).removeprefix('torch.')} {list(tensor.shape)}"
 
 
-def same_radar(one: Radar, one_source: str, other: Radar, other_source: str) -> None:
-    """Refuse to mix data of different arrays or axes.
+MEASURED = ("array", "grid", "waveform")
+"""Parts of a radar that say what a measurement is of."""
 
+
+def same_radar(
+    one: Radar, one_source: str, other: Radar, other_source: str, parts: Sequence[str] = (*MEASURED, "virtual_sensor")
+) -> None:
+    """Refuse to mix data of different arrays, axes or truths.
+
+    :param parts: of the radars, that are to be the same
     :raises InputError: the first field that differs, with both values and where they come from
     """
-    for part in ("array", "grid", "waveform"):
+    for part in parts:
         first = getattr(one, part)
         if differing := first_difference(first, getattr(other, part), type(first).model_fields):
             name, *values = differing

@@ -50,7 +50,7 @@ from trainer.run.detection_files import (
 )
 from trainer.run.detection_files import UNITS as DETECTION_UNITS
 from trainer.run.detections import Detections, Sought, find_detections, with_moving
-from trainer.run.folder import Run, load_imager, output_folder, same_radar
+from trainer.run.folder import MEASURED, Run, load_imager, output_folder, same_radar
 from trainer.run.imager import Imager, precision_remark
 from trainer.run.options import PointsRequest, PredictRequest
 from trainer.run.other_radars import fitted_imager
@@ -285,7 +285,7 @@ def _open(request: PredictRequest) -> tuple[Answer, Measurements]:
         about = str(request.source), measurements.dead_channels
         return answer_for_cubes(*loaded, str(request.run), found, request.announce, *about), measurements
     run, imager = loaded
-    same_radar(run.radar, str(request.run), found, str(request.source))
+    same_radar(run.radar, str(request.run), found, str(request.source), MEASURED)
     return network_answer(run, imager, None, found), measurements
 
 

@@ -58,29 +58,39 @@ class RunKeeper(Callback):
     The best weights are those of the least loss of the validation frames. It weighs image and detections as training
     does; the normalised error of the linear image hangs on a few flashes, and stays where detections double.
 
+    Lightning's EarlyStopping counts after the checkpoint is written, and not what stood there before the first step: a
+    resumed run would end elsewhere.
+
+    :param patience: validations without a better loss after which the training stops; 0: it does not
     :ivar started: the first step is next
     """
 
-    def __init__(self, directory: Path, announce: Callable[[str], object]) -> None:
-        self.directory, self.announce = directory, announce
-        self.best = float("inf")
+    def __init__(self, directory: Path, patience: int, announce: Callable[[str], object]) -> None:
+        self.directory, self.patience, self.announce = directory, patience, announce
+        self.best, self.waited = float("inf"), 0
         self.started = False
 
-    def on_train_start(self, *_: Any) -> None:
+    def on_train_start(self, trainer: Trainer, *_: Any) -> None:
         """What the checkpoint holds has been restored."""
         self.started = True
+        trainer.should_stop = self._stops
+
+    @property
+    def _stops(self) -> bool:
+        return 0 < self.patience <= self.waited
 
     def state_dict(self) -> dict[str, Any]:
-        return {"least_loss": self.best}
+        return {"least_loss": self.best, "waited": self.waited}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        self.best = state_dict["least_loss"]
+        self.best, self.waited = state_dict["least_loss"], state_dict["waited"]
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         values = {name: float(value) for name, value in trainer.callback_metrics.items()}
         value = values[LOSS]
         improved = value < self.best
-        self.best = min(self.best, value)
+        self.best, self.waited = min(self.best, value), 0 if improved else self.waited + 1
+        trainer.should_stop = trainer.should_stop or self._stops
         if trainer.is_global_zero:
             self._report(trainer, pl_module, values, improved)
         if trainer.sanity_checking:
@@ -101,7 +111,8 @@ class RunKeeper(Callback):
                 writer.writeheader()
             writer.writerow({name: row.get(name, "") for name in METRICS_COLUMNS})
         shown = "  ".join(f"{name} {row[name]:.4g}" for name in METRICS_COLUMNS[1:] if name in row)
-        self.announce(f"step {trainer.global_step}  {shown}{'  (best)' if improved else ''}")
+        remark = "  (best)" if improved else f"  ends: the {self.waited}. without gain" if self._stops else ""
+        self.announce(f"step {trainer.global_step}  {shown}{remark}")
         if improved:
             assert isinstance(pl_module, ImagingTask)
             save_weights(self.directory, pl_module.imager, values.get(VALIDATION_GAIN, 1.0))

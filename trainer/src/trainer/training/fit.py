@@ -12,7 +12,7 @@ from pathlib import Path
 
 import torch
 from lightning.pytorch import LightningDataModule, LightningModule, Trainer
-from lightning.pytorch.callbacks import Callback, EarlyStopping
+from lightning.pytorch.callbacks import Callback
 from lightning.pytorch.loggers import Logger
 from lightning.pytorch.trainer.states import TrainerStatus
 
@@ -25,7 +25,6 @@ from trainer.run.configuration import FitConfig, first_difference
 from trainer.run.folder import (
     CHECKPOINT,
     JOB,
-    LOSS,
     RUN_FILE,
     WEIGHTS,
     Run,
@@ -47,7 +46,7 @@ from trainer.training.callbacks import (
 )
 from trainer.training.datamodule import ImagingData
 from trainer.training.doa import DoaData, DoaTask
-from trainer.training.options import SHIPPED, FitRequest
+from trainer.training.options import SHIPPED, FitRequest, start_of
 from trainer.training.processes import ended_process, follower, is_first, launched
 from trainer.training.start import begin_with, configuration, shipped_start
 from trainer.training.task import ImagingTask
@@ -106,7 +105,7 @@ def fit(request: FitRequest) -> Run:
             announce(_summary(run, task))
             if said:
                 announce(said)
-        keeper, interrupts = RunKeeper(out, announce), Interrupts(first)
+        keeper, interrupts = RunKeeper(out, config.patience, announce), Interrupts(first)
         callbacks: list[Callback] = [keeper, interrupts, *([] if online else [PictureLogger()])]
         with _quiet():
             trainer = _trainer(run.config, make_logger(request.logger, out), callbacks, launch)
@@ -136,7 +135,7 @@ def _begun(request: FitRequest, config: FitConfig, data: ImagingData) -> tuple[R
     """(the run, that whose weights it begins with, what to say of a start that was not stated)."""
     array = choose_array(request.array, data.radar)
     config = config.model_copy(update={"truth_window": data.truth_window})
-    start, said = None if request.start is None else Path(request.start), ""
+    start, said = start_of(request.start), ""
     if request.start == SHIPPED:
         # One that began with random weights was asked to, or nothing shipped did fit.
         anew = request.resume and (request.out / RUN_FILE).is_file() and read_run(request.out).start is None
@@ -169,7 +168,6 @@ def _trainer(config: FitConfig, curves: Logger | bool, callbacks: list[Callback]
 
     :param launch: (processes of this machine, machines)
     """
-    stops = [EarlyStopping(LOSS, patience=config.patience)] if config.patience else []
     # At most validate_every, in equal parts that end with the run: what is learned after the last one is lost. Of
     # a number of steps that does not divide, fewer are than there are validations.
     between = config.steps // math.ceil(config.steps / config.validate_every)
@@ -185,7 +183,7 @@ def _trainer(config: FitConfig, curves: Logger | bool, callbacks: list[Callback]
         check_val_every_n_epoch=None,
         num_sanity_val_steps=-1,  # all frames before the first step; not of a run that is resumed
         log_every_n_steps=10,
-        callbacks=[*callbacks, *stops],
+        callbacks=callbacks,
         logger=curves,
         enable_checkpointing=False,  # RunKeeper's own, written whole or not at all
         enable_model_summary=False,
@@ -208,8 +206,13 @@ def _prepare(out: Path, run: Run, resume: bool, announce: Callable[[str], object
         write_run(out, run)
         return
     before = read_run(out)
-    for part in ("config", "radar", "array", "weights", "datasets", "start"):
+    _same(out, "start", *(f"{each.start or 'random weights'}" for each in (before, run)))
+    for part in ("config", "radar", "array", "weights"):
         _same(out, part, getattr(before, part), getattr(run, part))
+    # The same shards in a folder of another name are the same data.
+    had, has = ([(one.sha256, one.frames, one.scenes) for one in each.datasets] for each in (before, run))
+    if had != has:
+        _same(out, "datasets", *(", ".join(map(str, each.datasets)) for each in (before, run)))
     remove_partial(out)
 
 

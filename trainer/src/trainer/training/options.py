@@ -21,8 +21,9 @@ NO_START = "none"
 """In place of a run to begin with. A run folder of this name is ./none."""
 
 
-def _start(text: str) -> Path | None:
-    return None if text == NO_START else run_or_pretrained(Path(text))
+def start_of(named: Path | str | None) -> Path | None:
+    """The run to begin with; None for random weights."""
+    return None if named in (None, NO_START) else run_or_pretrained(Path(str(named)))
 
 
 def _by_recipe(meaning: str, **others: Any) -> Option:
@@ -68,9 +69,9 @@ class FitRequest(AnnouncingOptions):
         "Train and validate with the first N frames of each dataset; 0: all.", otherwise="0")] = None
     start: Annotated[Path | str | None, Option(
         "Begin with the weights of this run, of a network that comes with the package, or with random ones.",
-        f"Of another run of the same network; None for random ones, or {SHIPPED!r}.",
-        typed=str, flag="--from", metavar="|".join(("RUN", *pretrained_names(), NO_START)), read=_start, there=SHIPPED,
-        otherwise="the shipped weights where they fit")] = None
+        f"Also None for random ones, or {SHIPPED!r}: those that come with the package where they fit.",
+        typed=str, flag="--from", metavar="|".join(("RUN", *pretrained_names(), NO_START)), read=start_of,
+        there=SHIPPED, otherwise="the shipped weights where they fit")] = None
     seed: Annotated[int | None, Option(
         "Same seed, same weights on one device.", least=0, most=LARGEST_SEED, otherwise="0")] = None
     weights: Annotated["Sequence[float] | None", Option(

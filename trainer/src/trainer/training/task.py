@@ -202,7 +202,7 @@ class ImagingTask(LightningModule):
         priors = []
         for index, seen_at in enumerate(angles):
             frame = {name: batch[name][index].cpu() for name in ("sensor_velocity", "sensor_orientation", "velocity")}
-            prior = known_world(frame, self._radar)[rows].prior(seen_at)
+            prior = known_world(frame, self._radar)[0][rows].prior(seen_at)
             unknown = drawn is not None and drawn.told[index] >= self.config.told
             priors.append(np.ones_like(prior) if unknown else prior)
         return torch.from_numpy(np.stack(priors).astype(np.float32)).to(batch["image"].device)

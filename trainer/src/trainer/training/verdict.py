@@ -262,7 +262,7 @@ def _scored(name: str, answers: Mapping[str, Answer], frame: Mapping[str, NDArra
     range_channel, noise, peak = frame["range_channel"][0], float(frame["noise_power"]), float(frame["image_peak"])
     truth = frame["image"].astype(np.float64) * peak
     network = answers[NETWORK]
-    world = known_world(frame, network.radar)
+    world = known_world(frame, network.radar)[0]
     channels = len(network.channels)
     cells = {TRUTH: score_cells(truth, truth, noise, channels, network.radar.waveform.range_step_m)}
     images: dict[str, Image] = {}

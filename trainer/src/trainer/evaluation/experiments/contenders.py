@@ -131,7 +131,7 @@ def gather(
             )  # fmt: skip
         # Folders tell two networks of one kind on one array apart.
         label = kind if places.count((kind, rx)) == 1 else f"{kind}:{path.resolve().name}"
-        network = _network(label, arrays[place], path, run, imager)
+        network = _network(label, arrays[place], path, (run, imager), radar)
         networks.append(((chosen.index(kind), label, place), network))
     contenders = [estimator_contender(name, array, radar) for name in chosen if name in ESTIMATORS for array in arrays]
     # The arrays of one method stand beside each other, whatever the order of the runs.
@@ -155,8 +155,9 @@ def estimator_contender(name: str, array: ArrayChoice, radar: Radar) -> Contende
     return Contender(name, array_answer(name, array, radar), inputs, fits=name in FITTED)
 
 
-def _network(label: str, array: ArrayChoice, path: Path, run: Run, imager: Imager) -> Contender:
-    answer, device = replace(network_answer(run, imager), array=array), best_device()
+def _network(label: str, array: ArrayChoice, path: Path, trained: tuple[Run, Imager], radar: Radar) -> Contender:
+    run, imager = trained
+    answer, device = replace(network_answer(run, imager, radar=radar), array=array), best_device()
     content = hashlib.sha256((path / RUN_FILE).read_bytes() + (path / WEIGHTS).read_bytes()).hexdigest()
     parameters = sum(parameter.numel() for parameter in imager.parameters())
     # A "cnn" images range bins one by one. It trains on its own samples and takes only the radar from its datasets.

@@ -20,6 +20,7 @@ from shared.physics.errors import figure_text
 from shared.pictures import COLOUR_MAP, SPAN_DB, hold_peaks, level_db, range_weighted, range_weighted_db
 from shared.radar import Radar
 from shared.signal.ego_motion import folded
+from trainer.data.measurements import known_world
 from trainer.evaluation.experiments.bench import Bench, FrameRef, Results
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import FrameByFrame, load_frame, true_magnitude
@@ -144,7 +145,11 @@ def _same_velocity(velocities: NDArray[np.floating], velocity_mps: float, radar:
 
 def score_peaks(radar: Radar, contender: Contender, frame: Frame, keep: bool) -> Values:
     """found [2 places, 3]: targets, found by the strongest peak's image, found by any; images [D, R, U] if kept."""
-    images = [contender.answer.image(snapshot, frame.noise_power) for snapshot in frame.range_channel]
+    answer, world = contender.answer, known_world(vars(frame), radar)
+    images = [
+        answer.image_and_score(snapshot, frame.noise_power, world[peak])[0]
+        for peak, snapshot in enumerate(frame.range_channel)
+    ]
     counts = np.zeros((len(PLACES), 3))
     for target in frame.targets:
         if (place := _place(target, frame, radar)) is not None:

@@ -135,7 +135,7 @@ def score_frame(contender: Contender, frame: Frame) -> Values:
     answer = contender.answer
     range_channel, noise = frame.range_channel[0], frame.noise_power
     truth = true_magnitude(frame)
-    image, cells = answer.scored(truth, range_channel, noise, known_world(vars(frame), answer.radar))
+    image, cells = answer.scored(truth, range_channel, noise, known_world(vars(frame), answer.radar)[0])
     detected, true = find_image_peaks(image), find_image_peaks(truth).above(TRUTH_PROMINENCE)
     paper = [[astuple(counts) for counts in paper_sweep(detected, true, PROMINENCES, d_max)] for d_max in D_MAX_BINS]
     prominent = detected.above(STRICT_PROMINENCE)

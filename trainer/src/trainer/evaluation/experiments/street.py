@@ -52,7 +52,7 @@ class Street(FrameByFrame):
         return one_of_each_scene(bench.frames, bench.config.shown)
 
     def score(self, bench: Bench, contender: Contender, place: int, scene: Frame) -> Values:
-        world = known_world(vars(scene), bench.radar)
+        world = known_world(vars(scene), bench.radar)[0]
         image, _ = contender.answer.image_and_score(scene.range_channel[0], scene.noise_power, world)
         return {"levels": to_bytes(scene_levels(image, contender.answer.unit, true_magnitude(scene)))}
 
