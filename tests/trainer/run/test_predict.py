@@ -213,7 +213,7 @@ def test_the_unrolled_network_is_exported_in_real_arithmetic(tmp_path):
     session = onnxruntime.InferenceSession(str(result.path), providers=["CPUExecutionProvider"])
     imager = load_imager(run)[1]
     assert imager.config.model == "unrolled"
-    snapshot = frame(5).range_channel[:1]
+    snapshot = frame(5).range_channel[:1, :20]  # any number of range bins
     channels = np.array([0, 1, 2, 5])
     features, _ = snapshot_features(snapshot[..., channels], np.array([NOISE_POWER]))  # NumPy alone
     found = session.run(None, {"features": features})[0]

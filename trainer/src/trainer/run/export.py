@@ -29,6 +29,8 @@ TOLERANCE = 1e-4
 """Largest difference from torch, relative to the largest value."""
 OPSET = 17
 REPETITIONS = 5
+TRACED_ROWS = 16
+"""The tracer keeps what every operation makes: of all range bins of 48 channels tens of gigabytes."""
 SNAPSHOT_PLANES = ("real parts", "imaginary parts", "noise power over the row's")
 """Of :func:`shared.signal.features.snapshot_features`, the first two of every channel."""
 
@@ -52,10 +54,11 @@ def export(asked: ExportOptions) -> Export:
     """Write the run's network as ONNX, float32, as ``trainer export`` does.
 
     Input ``features`` [1, F, R, U], of the "doa-cnn" [1, 3, R, C * C], of the "unrolled" network [1, 2 C + 1, R, 1]
-    snapshots; output ``answer`` [1, 1 or 2, R, U]. The "unrolled" network is exported in real arithmetic
-    (:mod:`trainer.networks.real_unrolled`), where the prior of the sensor's motion is flat and no input.
-    :mod:`shared.signal.features`, NumPy alone, computes the features. The image follows from the answer by a power, the
-    row's scale and the gain. The file's metadata hold array, axes, gain and both names under ``sparseradar``.
+    snapshots; output ``answer`` [1, 1 or 2, R, U]; any number R of range bins. The "unrolled" network is exported in
+    real arithmetic (:mod:`trainer.networks.real_unrolled`), where the prior of the sensor's motion is flat and no
+    input. :mod:`shared.signal.features`, NumPy alone, computes the features. The image follows from the answer by a
+    power, the row's scale and the gain. The file's metadata hold array, axes, gain and both names under
+    ``sparseradar``.
 
     :raises InputError: no whole run, an output that cannot be written
     :raises TrainingStopped: onnxruntime disagrees with torch by more than :data:`TOLERANCE`; nothing is written
@@ -81,12 +84,13 @@ def export(asked: ExportOptions) -> Export:
         buffer = io.BytesIO()
         torch.onnx.export(
             exported,
-            (features,),
+            (features[:, :, :TRACED_ROWS],),
             buffer,  # type: ignore[arg-type]  # declared for the newer exporter alone
             dynamo=False,
             opset_version=OPSET,
             input_names=["features"],
             output_names=["answer"],
+            dynamic_axes={"features": {2: "rows"}, "answer": {2: "rows"}},
         )
     model = onnx.load_model_from_string(buffer.getvalue())
     description = {
