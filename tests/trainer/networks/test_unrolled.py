@@ -92,15 +92,15 @@ def test_the_base_is_what_the_virtual_sensor_sees_of_the_plain_iterations():
     with torch.no_grad():
         answer = without_heads(network(trained=True))(given)
     snapshot, noise, tables, power = plain_powers(given)
-    forms = adaptive_forms(power, snapshot, noise, tables)
+    filtered, _ = adaptive_forms(power, snapshot, noise, tables)
     view = torch.from_numpy(view_table(RADAR, chosen("sparse4"), "taylor-30"))
-    seen = virtual_view(power, *forms, view, uncertain=0.0)
+    seen = virtual_view(power, filtered, view)
     torch.testing.assert_close(answer[0, 0], (seen + SMALLEST) ** EXPONENT, rtol=0, atol=1e-5)
     assert not answer[0, 1].any()
     # The base is neither that of other iterations nor without the phases of the echoes.
     for other in (PLAIN - 1, PLAIN + 1):
         power = adaptive_powers(snapshot, noise, tables, other, "iaa")
-        different = virtual_view(power, *adaptive_forms(power, snapshot, noise, tables), view, uncertain=0.0)
+        different = virtual_view(power, adaptive_forms(power, snapshot, noise, tables)[0], view)
         assert (answer[0, 0] - (different + SMALLEST) ** EXPONENT).abs().max() > 0.01
 
 

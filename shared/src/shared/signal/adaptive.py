@@ -15,8 +15,7 @@ and each iteration, from delay-and-sum on, follows from q = a^H R^-1 x and s = a
 
 It assumes plane waves: right for the input array beyond some 5 m.
 
-Given P the echoes are Gaussian a posteriori, with mean P q and variance P (1 - P s): :func:`virtual_view` says what the
-virtual sensor would see of them.
+Given P the echoes have the mean P q a posteriori: :func:`virtual_view` says what the virtual sensor would see of it.
 
 What is known beforehand of where echoes are, a prior w_n (:mod:`shared.signal.ego_motion`), multiplies P in each
 iteration of "iaa", and :data:`PRIOR_EXPONENT` of it in each of "likes". Without one, or where it is 1, nothing changes.
@@ -259,27 +258,16 @@ def adaptive_spectrum(
 def virtual_view(
     power: Float32[Array, "rows angles"],
     filtered: Complex64[Array, "rows angles"],
-    form: Float32[Array, "rows angles"],
     view: Complex64[Array, "angles bins"],
-    uncertain: float = 1.0,
 ) -> Float32[Array, "rows bins"]:
-    """[B, U] root of the expected power of the virtual sensor's image, given P, q and s of :func:`adaptive_forms`.
-
-    With h_n(u) the sensor's response to an echo from u_n,
-
-        E|t(u)|^2 = |sum_n h_n(u) P_n q_n|^2 + sum_n |h_n(u)|^2 P_n (1 - P_n s_n).
-
-    The second sum leaves the covariances between angles out: they are what the array cannot tell apart, and would lower
-    it there.
+    """[B, U] |sum_n h_n(u) P_n q_n|, the virtual sensor's image of the expected echoes, given P and q of
+    :func:`adaptive_forms`; h_n(u) is the sensor's response to an echo from u_n.
 
     :param view: of :func:`view_table`, on the powers' device
-    :param uncertain: weight of the second sum; 0 for the image of the expected echoes
     """
-    xp = array_namespace(power)
-    spread = power * xp.clip(1.0 - power * form, 0.0, None)
-    expected = _squared((power * filtered) @ view) + uncertain * (spread @ _squared(view))
+    expected = _squared((power * filtered) @ view)
     # The root has no slope at zero, which a gradient would divide by.
-    return xp.sqrt(expected + LEAST_POWER) - LEAST_POWER**0.5
+    return array_namespace(power).sqrt(expected + LEAST_POWER) - LEAST_POWER**0.5
 
 
 def _squared(values: Array) -> Array:

@@ -174,7 +174,7 @@ class UnrolledNetwork(nn.Module):
             with torch.no_grad():
                 power = adaptive_powers(snapshot, noise, tables, self.plain, "iaa", prior=known)
                 filtered, form = adaptive_forms(power, snapshot, noise, tables)
-                seen = virtual_view(power, filtered, form, self.get_buffer("view"), uncertain=0.0)
+                seen = virtual_view(power, filtered, self.get_buffer("view"))
         found = Iterate(power, filtered, form, noise, (batch, rows, self.bins))
         for step in self.steps:
             power = self.stepped(found, step)
