@@ -65,7 +65,7 @@ def plain_powers(given, name="sparse4"):
     row = given[0, :, :, 0].T
     snapshot, noise = torch.complex(row[:, : len(channels)], row[:, len(channels) : -1]), row[:, -1]
     tables = AdaptiveTables(*(torch.from_numpy(table) for table in adaptive_tables(RADAR, channels)))
-    return snapshot, noise, tables, adaptive_powers(snapshot, noise, tables, PLAIN, "iaa")
+    return snapshot, noise, tables, adaptive_powers(snapshot, noise, tables, PLAIN)
 
 
 def without_heads(made):
@@ -99,7 +99,7 @@ def test_the_base_is_what_the_virtual_sensor_sees_of_the_plain_iterations():
     assert not answer[0, 1].any()
     # The base is neither that of other iterations nor without the phases of the echoes.
     for other in (PLAIN - 1, PLAIN + 1):
-        power = adaptive_powers(snapshot, noise, tables, other, "iaa")
+        power = adaptive_powers(snapshot, noise, tables, other)
         different = virtual_view(power, adaptive_forms(power, snapshot, noise, tables)[0], view)
         assert (answer[0, 0] - (different + SMALLEST) ** EXPONENT).abs().max() > 0.01
 

@@ -29,7 +29,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Complex, Complex64, Float, Float32, Float64, Int
@@ -41,7 +41,6 @@ from shared.signal.windows import angle_window
 
 Array = Any
 """A NumPy array or a torch tensor; what goes in comes out."""
-Rule = Literal["iaa", "likes"]
 
 FLOOR = 1e-4
 """Least power of white noise, of the power in a row: the inverse then stays within single precision."""
@@ -212,26 +211,24 @@ def bounded_power(power: Array) -> Array:
 
 
 def adaptive_powers(
-    snapshot: Complex64[Array, "rows channels"],
-    loading: Float32[Array, " rows"],
+    snapshot: Complex[Array, "rows channels"],
+    loading: Float[Array, " rows"],
     tables: AdaptiveTables,
     iterations: int,
-    rule: Rule,
-    prior: Float32[Array, "rows angles"] | None = None,
-) -> Float32[Array, "rows angles"]:
-    """[B, N] powers P after ``iterations`` of a rule, of rows of RMS 1 or 0.
+    prior: Float[Array, "rows angles"] | float = 1.0,
+    floor: float = FLOOR,
+    least: float = FLOOR,
+) -> Float[Array, "rows angles"]:
+    """[B, N] powers P after ``iterations`` by the "iaa" rule, of rows of about RMS 1, or 0; delay-and-sum after none.
 
     :param loading: [B] sigma^2, noise power over the row's
-    :param prior: [B, N] how far echoes are expected at each angle, at most 1; the same everywhere by default
+    :param prior: [B, N] how far echoes are expected at each angle, at most 1
+    :param floor, least: see :func:`adaptive_forms`
     """
-    weight = 1.0 if prior is None else prior if rule == "iaa" else prior**PRIOR_EXPONENT
     power = _squared(snapshot @ tables.matched) / snapshot.shape[-1] ** 2
     for _ in range(iterations):
-        filtered, form = adaptive_forms(power, snapshot, loading, tables)
-        if rule == "iaa":
-            power = _squared(filtered) / form**2 * weight
-        else:
-            power = bounded_power(power * likes_ratio(filtered, form) * weight)
+        filtered, form = adaptive_forms(power, snapshot, loading, tables, floor, least)
+        power = _squared(filtered) / form**2 * prior
     return power
 
 
@@ -251,7 +248,7 @@ def adaptive_spectrum(
     """
     xp = array_namespace(rows)
     snapshot, loading = rows.reshape(-1, rows.shape[-1]), noise.reshape(-1)
-    magnitude = xp.sqrt(adaptive_powers(snapshot, loading, tables, iterations, "iaa"))
+    magnitude = xp.sqrt(adaptive_powers(snapshot, loading, tables, iterations))
     return magnitude[:, :bins].reshape(*rows.shape[:-1], bins)
 
 

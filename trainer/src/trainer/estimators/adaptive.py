@@ -13,7 +13,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from shared.signal.adaptive import PRIOR_EXPONENT, AdaptiveTables, adaptive_forms, likes_ratio, line_tables
+from shared.signal.adaptive import (
+    PRIOR_EXPONENT,
+    AdaptiveTables,
+    adaptive_forms,
+    adaptive_powers,
+    likes_ratio,
+    line_tables,
+)
 from shared.signal.signal import manifold
 from shared.signal.windows import angle_window
 from trainer.estimators.array import LineArray, NoisePower, image_rows, scan_axis
@@ -32,6 +39,7 @@ FLOOR = 1e-6
 """Least power of white noise in a covariance, of the power in a channel. The form a^H R^-1 a is wrong by some
 (power / noise)^2 x 2e-16 where R was inverted as a whole: 1e-3 with this floor, everything with 1e-9."""
 forms = partial(adaptive_forms, floor=FLOOR, least=0.0)
+iaa_powers = partial(adaptive_powers, floor=FLOOR, least=0.0)
 
 Prior = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Angles [N] to how far echoes of each row are expected there [R, N]."""
@@ -41,11 +49,6 @@ def scan_tables(array: LineArray, u: NDArray[np.floating]) -> tuple[AdaptiveTabl
     """(tables of the scanned angles, [U] where among them each of ``u`` stands)."""
     axis, shown = scan_axis(array, u)
     return line_tables(array.positions_m, array.wavelength_m, axis), shown
-
-
-def beam_powers(x: NDArray[np.complex128], tables: AdaptiveTables) -> NDArray[np.float64]:
-    """[B, N] powers of delay-and-sum, which iterations begin with, of snapshots x [B, C]."""
-    return np.abs(x @ tables.matched / x.shape[1]) ** 2
 
 
 class IterativeAdaptive:
@@ -68,23 +71,9 @@ class IterativeAdaptive:
         tables, shown = scan_tables(array, u)
 
         def solve(x: NDArray[np.complex128], _: NDArray[np.float64]) -> NDArray[np.float64]:
-            return np.sqrt(adaptive_powers(x, tables, self.iterations)[:, shown])
+            return np.sqrt(iaa_powers(x, np.zeros(len(x)), tables, self.iterations)[:, shown])
 
         return image_rows(snapshots, array, len(u), noise_power, solve)
-
-
-def adaptive_powers(
-    x: NDArray[np.complex128], tables: AdaptiveTables, iterations: int, prior: NDArray[np.float64] | float = 1.0
-) -> NDArray[np.float64]:
-    """[B, N] |s(u)|^2 of snapshots x [B, C] at the scanned angles.
-
-    :param prior: [B, N] by which each iteration multiplies the power, see :mod:`shared.signal.adaptive`
-    """
-    power, no_noise = beam_powers(x, tables), np.zeros(len(x))
-    for _ in range(iterations):
-        filtered, form = forms(power, x, no_noise, tables)
-        power = np.abs(filtered / form) ** 2 * prior
-    return power
 
 
 class SparseCovariance:
@@ -121,7 +110,7 @@ class SparseCovariance:
             channel_power = np.mean(np.abs(x) ** 2, axis=1)
             noise = np.maximum(noise, FLOOR * channel_power)
             weight = np.sqrt(channel_power)[:, None]
-            power = beam_powers(x, tables)
+            power = adaptive_powers(x, noise, tables, 0)
             for _ in range(self.iterations):
                 filtered, form = adaptive_forms(power, x, noise, tables, floor=0.0, least=0.0)
                 estimate = power * np.abs(filtered)
@@ -184,7 +173,7 @@ class VirtualView:
         def solve(
             x: NDArray[np.complex128], noise: NDArray[np.float64], known: NDArray[np.float64] | float = 1.0
         ) -> NDArray[np.float64]:
-            power = adaptive_powers(x, tables, self.iterations, known)
+            power = iaa_powers(x, np.zeros(len(x)), tables, self.iterations, known)
             for _ in range(self.sharpening):
                 power = power * likes_ratio(*forms(power, x, noise, tables)) * np.asarray(known) ** PRIOR_EXPONENT
             filtered, _ = forms(power, x, noise, tables)

@@ -172,7 +172,7 @@ class UnrolledNetwork(nn.Module):
             snapshot, noise = torch.complex(row[:, : planes // 2], row[:, planes // 2 : -1]), row[:, -1]
             tables = AdaptiveTables(*(self.get_buffer(name) for name in AdaptiveTables._fields))
             with torch.no_grad():
-                power = adaptive_powers(snapshot, noise, tables, self.plain, "iaa", prior=known)
+                power = adaptive_powers(snapshot, noise, tables, self.plain, 1.0 if known is None else known)
                 filtered, form = adaptive_forms(power, snapshot, noise, tables)
                 seen = virtual_view(power, filtered, self.get_buffer("view"))
         found = Iterate(power, filtered, form, noise, (batch, rows, self.bins))
