@@ -35,7 +35,8 @@ def test_noise_alone_passes_as_often_as_asked(channels: int) -> None:
     assert abs(passed - asked * cells) < 5.0 * np.sqrt(9.0 * asked * cells)
 
 
-def test_cells_are_those_that_a_loop_finds() -> None:
+def test_cells_are_those_that_a_loop_finds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("trainer.data.cfar.CELL_FALSE_ALARM", 0.01)
     spectra = windowed_noise(40, 32, 4, 3)
     spectra[20, 5], spectra[30, 31] = 60.0, 80.0
     power, alpha = np.sum(np.abs(spectra) ** 2, axis=2), cfar_factor(4, 48, 24, 0.01)
@@ -48,7 +49,7 @@ def test_cells_are_those_that_a_loop_finds() -> None:
             ]  # fmt: skip
             expected[row, cell] = power[row, cell] > alpha * sorted(around)[23]
     np.testing.assert_array_equal(os_cfar(power, 4, 0.01), expected)
-    selection, centre = cfar_cells(spectra, 0.01)
+    selection, centre = cfar_cells(spectra)
     listed = {(int(r), int(selection.cells[d, r])) for d, r in zip(*np.nonzero(centre), strict=True)}
     rows, cells = np.nonzero(expected)
     left, right = power[rows, (cells - 1) % 32], power[rows, (cells + 1) % 32]

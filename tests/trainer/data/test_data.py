@@ -69,7 +69,8 @@ def test_a_dataset_that_was_used_can_be_pickled(directory):
 
 def test_few_shards_stay_open(directory, monkeypatch):
     monkeypatch.setattr("trainer.data.dataset.OPEN_SHARDS", 1)
-    data = ShardDataset(directory, "train", cache_bytes=0)
+    monkeypatch.setattr("trainer.data.dataset.CACHE_BYTES", 0)
+    data = ShardDataset(directory, "train")
     for index in (0, 4, 1, 3):
         assert data[index]["frame_id"].item() == index
         assert len(data._open) == 1
@@ -77,7 +78,8 @@ def test_few_shards_stay_open(directory, monkeypatch):
 
 def test_frames_that_fit_are_decoded_once(directory, monkeypatch):
     one = ShardDataset(directory, "train", columns=("image",))._read(0).nbytes
-    data = ShardDataset(directory, "train", columns=("image",), cache_bytes=2 * one)
+    monkeypatch.setattr("trainer.data.dataset.CACHE_BYTES", 2 * one)
+    data = ShardDataset(directory, "train", columns=("image",))
     read: list[int] = []
 
     def counted(self, index):
@@ -96,9 +98,10 @@ def test_frames_that_fit_are_decoded_once(directory, monkeypatch):
 READ = ShardDataset._read
 
 
-def test_a_shard_damaged_within_is_named(directory):
+def test_a_shard_damaged_within_is_named(directory, monkeypatch):
     """Before it is opened by its hash, afterwards by what Parquet finds in its pages."""
-    early, late = ShardDataset(directory, "train"), ShardDataset(directory, "train", cache_bytes=0)
+    monkeypatch.setattr("trainer.data.dataset.CACHE_BYTES", 0)
+    early, late = (ShardDataset(directory, "train") for _ in range(2))
     late[3]
     path = directory / "train/part-00001.parquet"
     content = bytearray(path.read_bytes())

@@ -57,7 +57,7 @@ def test_the_doa_network_looks_at_one_range_bin_at_a_time():
 
 def test_the_doa_network_has_papageorgiou_s_layers():
     with torch.device("meta"):
-        network = DoaCnn(channels=18, bins=450)
+        network = DoaCnn(channels=18, bins=450, width=256)
     dense = [layer.out_features for layer in network.dense if isinstance(layer, torch.nn.Linear)]
     assert dense == [4096, 2048, 1024, 450]
     assert network.dense[0].in_features == 5 * 5 * 256
@@ -65,7 +65,7 @@ def test_the_doa_network_has_papageorgiou_s_layers():
 
 def test_the_paper_s_network_has_its_size():
     with torch.device("meta"):
-        network = AttentionUNet(5, 1)
+        network = AttentionUNet(5, 1, width=64)
     first = [next(layer.parameters()) for layer in network.encoder]
     assert [len(weights) for weights in first] == [64, 128, 256, 512]
     # 8.05 million in the notes of the published architecture's used part; here with a convolution after upsampling.

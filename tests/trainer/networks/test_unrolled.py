@@ -32,10 +32,10 @@ def chosen(name):
     return RADAR.array.channel_indices(AVR_QDM_110_THINNED_RX[name])
 
 
-def network(name="sparse4", seed=0, trained=False, plain=PLAIN, learned=LEARNED, **changes):
+def network(name="sparse4", seed=0, trained=False, plain=PLAIN, learned=LEARNED, detects=True, told=False):
     """Fresh, or with weights as training may leave them."""
     torch.manual_seed(seed)
-    made = UnrolledNetwork(RADAR, chosen(name), "taylor-30", EXPONENT, (plain, learned), 4, **changes)
+    made = UnrolledNetwork(RADAR, chosen(name), "taylor-30", EXPONENT, (plain, learned), 4, detects, told)
     if trained:
         with torch.no_grad():
             for parameter in made.parameters():
@@ -224,7 +224,7 @@ def test_any_number_of_rows_and_of_steps_and_one_or_two_outputs(count, detects, 
 
 def test_an_image_may_have_fewer_angles_than_the_network_looks_aside():
     few = RADAR.model_copy(update={"grid": RADAR.grid.model_copy(update={"bins": 5})})
-    made = UnrolledNetwork(few, chosen("sparse4"), "taylor-30", EXPONENT, (PLAIN, LEARNED), 4)
+    made = UnrolledNetwork(few, chosen("sparse4"), "taylor-30", EXPONENT, (PLAIN, LEARNED), 4, True, False)
     with torch.no_grad():
         assert made(features(*rows(3))).shape == (1, 2, 3, 5)
 

@@ -39,9 +39,7 @@ QUADRATURE, FEW_POINTS = 200, 32
 """Points of the expectation: within 1e-6 of Rohling's product for C = 1; and of what is told of the thresholds."""
 
 
-def cfar_cells(
-    spectra: NDArray[np.complexfloating], false_alarm: float = CELL_FALSE_ALARM
-) -> tuple[DopplerSelection, NDArray[np.bool_]]:
+def cfar_cells(spectra: NDArray[np.complexfloating]) -> tuple[DopplerSelection, NDArray[np.bool_]]:
     """The cells of ``spectra`` [R, chirps, C] that pass, and those beside them in range at the same Doppler.
 
     :return: (D cells of every range bin, D the most of any; where a bin has fewer its first again, [D, R] which of them
@@ -49,7 +47,7 @@ def cfar_cells(
     :raises InputError: too few cells to compare with
     """
     power: NDArray[np.float64] = np.sum(np.abs(spectra) ** 2, axis=2, dtype=np.float64)
-    passed = os_cfar(power, spectra.shape[2], false_alarm)
+    passed = os_cfar(power, spectra.shape[2], CELL_FALSE_ALARM)
     # The first stands in where a bin has none.
     strongest = power.argmax(axis=1)
     wanted = passed.copy()

@@ -120,7 +120,6 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
 
     :param directory: the dataset's folder, local or remote, see :func:`shared.dataset.locations.locate`
     :param columns: array columns to read: range_channel, velocity, image, range_doppler, cube
-    :param cache_bytes: decoded columns that every process keeps
     :param facts: columns of :data:`FACTS`, and :data:`BOXES`, to read as well, for :meth:`frame`
     :param first: take the frames whose ``frame_id`` is below it; 0 for all
     :raises InputError: a dataset that is missing, damaged or newer, a split without frames, none among the first, a
@@ -132,7 +131,6 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
         directory: Location | str,
         split: str,
         columns: Sequence[str] = ("range_channel", "image"),
-        cache_bytes: int = CACHE_BYTES,
         facts: Sequence[str] = (),
         first: int = 0,
     ) -> None:
@@ -144,7 +142,7 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
         self._rows = _first_rows(dataset, split, first) if first else dataset.rows(split)
         self._open: dict[Location, pq.ParquetFile] = {}
         self._kept: dict[int, pa.RecordBatch] = {}
-        self._room = cache_bytes
+        self._room = CACHE_BYTES
 
     def __len__(self) -> int:
         return len(self._rows)

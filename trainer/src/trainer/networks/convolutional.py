@@ -192,7 +192,7 @@ class AttentionUNet(nn.Module):
     :param width: channels of the first level, 64 in the paper
     """
 
-    def __init__(self, inputs: int, outputs: int = 1, width: int = 64) -> None:
+    def __init__(self, inputs: int, outputs: int, width: int) -> None:
         super().__init__()
         self.inputs, self.outputs = inputs, outputs
         sizes = [width * 2**level for level in range(ATTENTION_LEVELS)]
@@ -224,7 +224,6 @@ class AttentionUNet(nn.Module):
         return crop_like(self.head(image), features)
 
 
-FILTERS = 256
 DENSE = (16, 8, 4)
 """Units of the dense layers in multiples of the filters."""
 DROPOUT = 0.3
@@ -239,7 +238,7 @@ class DoaCnn(nn.Module):
     :param width: filters of each convolution, 256 in the paper; the dense layers scale with it
     """
 
-    def __init__(self, channels: int, bins: int, width: int = FILTERS) -> None:
+    def __init__(self, channels: int, bins: int, width: int) -> None:
         super().__init__()
         self.channels, self.bins = channels, bins
         layers: list[nn.Module] = []

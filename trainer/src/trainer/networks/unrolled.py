@@ -126,8 +126,8 @@ class UnrolledNetwork(nn.Module):
         exponent: float,
         iterations: tuple[int, int],
         width: int,
-        detects: bool = True,
-        told: bool = False,
+        detects: bool,
+        told: bool,
     ) -> None:
         super().__init__()
         self.bins, self.exponent = radar.grid.bins, exponent
