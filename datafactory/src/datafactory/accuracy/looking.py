@@ -31,7 +31,7 @@ from shared.dataset import Frame, arrow_schema, description
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.signal.imaging import sweep_moments
-from shared.signal.windows import hann
+from shared.signal.windows import unit_hann
 
 STAGE_OF = {
     "trace": "trace", "sorting": "delays and spread", "cube": "delays and spread", "range-Doppler": "range-Doppler",
@@ -203,7 +203,7 @@ def reference_moments(
     """[terms, R, C] what :func:`datafactory.synthesis.truth.truth_moments` approximates: from the virtual sensor's
     whole cube and Doppler filters."""
     waveform, sensor = radar.waveform, radar.virtual_sensor
-    window = hann(waveform.chirps) / hann(waveform.chirps).sum()
+    window = unit_hann(waveform.chirps)
     turn = np.arange(waveform.chirps) / waveform.chirps
     moments = np.empty((terms, waveform.range_bins, sensor.channels), dtype=np.complex64)
     for first in range(0, len(sensor.rx_m), REFERENCE_BLOCK):

@@ -31,7 +31,7 @@ from shared.physics.vectors import Real, lengths
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.radar.waveform import Waveform
-from shared.signal.windows import hann
+from shared.signal.windows import unit_hann
 
 POINTS = 64
 """Samples of the windows in these integrals; their spectra are a few bins wide."""
@@ -149,7 +149,7 @@ def _shift_change(bins: Real) -> Real:
 @lru_cache(maxsize=1)
 def _shift_table() -> tuple[Real, Real]:
     place = (np.arange(POINTS) - POINTS / 2) / POINTS
-    window = hann(POINTS) / hann(POINTS).sum()
+    window = unit_hann(POINTS)
     grid = np.concatenate([[0.0], np.geomspace(1e-4, 3.0, 200)])
     moved = window * (np.exp(2j * np.pi * grid[:, None] * place) - 1.0)
     return grid, np.abs(np.fft.fft(moved, PADDING * POINTS, axis=1)).max(axis=1)
@@ -158,7 +158,7 @@ def _shift_table() -> tuple[Real, Real]:
 @lru_cache(maxsize=1)
 def _migration_table() -> tuple[Real, Real]:
     place = (np.arange(POINTS) - POINTS / 2) / POINTS
-    window = hann(POINTS) / hann(POINTS).sum()
+    window = unit_hann(POINTS)
     weight = np.outer(window, window)
     grid = np.concatenate([[0.0], np.geomspace(1e-3, 8.0, 60)])
     values = [

@@ -53,7 +53,7 @@ from shared.radar import Radar
 from shared.radar.waveform import Waveform
 from shared.signal.imaging import DEFAULT_TERMS, WALK_REACH
 from shared.signal.sweep import reference_frequency_hz, shift_polynomials, sweep_positions
-from shared.signal.windows import hann
+from shared.signal.windows import unit_hann
 
 DOPPLER_ERROR = 1e-2
 """Bound on the Doppler polynomial's error, relative to the path's own amplitude. It is reached by the element farthest
@@ -194,7 +194,7 @@ def _doppler_terms(mid: MidFrame, chirps: int) -> Int64[np.ndarray, " paths"]:
     if not np.any(mid.doppler) and not np.any(mid.rx_velocity):
         return np.ones(len(mid.doppler), dtype=np.int64)
     eta = np.abs(_frame_positions(chirps))
-    window = hann(chirps) / hann(chirps).sum()
+    window = unit_hann(chirps)
     departure = mid.departure + 0.5 * DELTA_STEP
     result = np.full(len(departure), MAX_DOPPLER_TERMS)
     for count in range(MAX_DOPPLER_TERMS - 1, 1, -1):
@@ -217,7 +217,7 @@ def doppler_table(
     q = CURVATURE_STEP * np.arange(lowest, highest + 1)
     delta = np.arange(-DOPPLER_REACH - 1.0, DOPPLER_REACH + 1.0 + DELTA_STEP, DELTA_STEP)
     eta = _frame_positions(chirps)
-    window = hann(chirps) / hann(chirps).sum()
+    window = unit_hann(chirps)
     table = np.empty((len(q), len(delta), terms), dtype=np.complex128)
     kernel = np.exp(2j * np.pi * delta[:, None] * eta)
     bend = window * np.exp(2j * np.pi * q[:, None] * eta**2)
@@ -235,7 +235,7 @@ def _mixing_matrix(waveform: Waveform, terms: int, doppler_terms: int) -> Float3
     """
     samples = waveform.samples
     nu = sweep_positions(samples)
-    window = hann(samples) / hann(samples).sum()
+    window = unit_hann(samples)
     offset = around_row(samples) / CELLS_PER_BIN
     walk = shift_polynomials(nu, WALK_REACH, terms) * window
     shift = shift_polynomials(nu, _shift_reach(waveform), SHIFT_TERMS)

@@ -19,7 +19,7 @@ from shared.radar.arrays import AntennaArray
 from shared.signal.near_field_kernels import PRODUCT_FRAMES, Pairs, Row, fill_folded, fill_matrix, fold_signals, unfold
 from shared.signal.signal import manifold
 from shared.signal.sweep import reference_frequency_hz, shift_polynomials, sweep_positions
-from shared.signal.windows import hann
+from shared.signal.windows import unit_hann
 
 DEFAULT_TERMS = 5
 """Polynomial terms of the range walk: -70 dB of the image's peak from 3 to 60 m (``make bench``, truth_vs_exact)."""
@@ -63,7 +63,7 @@ def sweep_moments(
     """
     samples = radar.waveform.samples
     nu = sweep_positions(samples)
-    weighted = fast_time * (hann(samples) / hann(samples).sum())[:, None]
+    weighted = fast_time * unit_hann(samples)[:, None]
     centre = np.exp(2j * np.pi * np.arange(radar.waveform.range_bins) * (samples // 2) / samples)[:, None]
     spectra = [
         centre * np.fft.fft(weighted * polynomial[:, None], axis=0)[: radar.waveform.range_bins]

@@ -19,6 +19,19 @@ def hann(length: int) -> Float64[np.ndarray, " {length}"]:
     return _symmetric_hann(length + 1)[:-1] if length > 1 else np.ones(1)
 
 
+def unit_hann(length: int) -> Float64[np.ndarray, " {length}"]:
+    """[length] :func:`hann` of sum 1: with it a transform reads the amplitude of a target on the grid."""
+    window = hann(length)
+    return window / window.sum()
+
+
+def hann_noise_share(length: int) -> float:
+    """sum(w^2) / sum(w)^2 of :func:`hann`: white noise in a bin of its transform by :func:`unit_hann`, over a sample's
+    power."""
+    window = hann(length)
+    return float(np.sum(window**2) / np.sum(window) ** 2)
+
+
 def _symmetric_hann(length: int) -> Float64[np.ndarray, " {length}"]:
     """[length] Hann window whose first and last weights are 0; length at least 2."""
     return 0.5 + 0.5 * np.cos(np.linspace(-np.pi, np.pi, length))
@@ -30,16 +43,8 @@ def cell_noise_power(radar: Radar) -> float:
 
 
 def power_in_cell(sample_power_w: float, waveform: Waveform) -> float:
-    """Power [W] in one range-Doppler cell of white noise of ``sample_power_w`` a sample.
-
-    Times sum(w^2) / sum(w)^2 over both windows: FFTs are divided by their windows' sums, so that an on-grid target
-    reads its amplitude.
-    """
-    power = sample_power_w
-    for length in (waveform.samples, waveform.chirps):
-        window = hann(length)
-        power *= float(np.sum(window**2) / np.sum(window) ** 2)
-    return power
+    """Power [W] in one range-Doppler cell of white noise of ``sample_power_w`` a sample."""
+    return sample_power_w * hann_noise_share(waveform.samples) * hann_noise_share(waveform.chirps)
 
 
 def angle_window(name: str, elements: int) -> Float64[np.ndarray, " {elements}"]:

@@ -36,7 +36,7 @@ from shared.physics.units import amplitude_to_db, power_to_db
 from shared.processes.declared import taking
 from shared.radar import Radar
 from shared.signal.signal import if_signal_of_delays, round_trip_delays
-from shared.signal.windows import hann
+from shared.signal.windows import unit_hann
 from trainer.captures.calibration import Calibration, Reflector, write_calibration
 from trainer.captures.importing import RawCapture, read_capture
 from trainer.captures.options import CalibrateOptions
@@ -205,13 +205,7 @@ def _spectrum(chirp: NDArray[np.complex128], bins: NDArray[np.float64]) -> NDArr
     """[nu, C] F_c at ``bins`` [nu]."""
     samples = len(chirp)
     turn = np.exp(-2j * np.pi * bins[:, None] * (np.arange(samples) / samples - 0.5))
-    return np.asarray((turn * _window(samples)) @ chirp)
-
-
-def _window(samples: int) -> NDArray[np.float64]:
-    """[samples] of sum 1."""
-    window = hann(samples)
-    return np.asarray(window / window.sum())
+    return np.asarray((turn * unit_hann(samples)) @ chirp)
 
 
 def _response(capture: RawCapture, place: Place) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
@@ -219,7 +213,7 @@ def _response(capture: RawCapture, place: Place) -> tuple[NDArray[np.complex128]
     chirp = _demodulated(capture, place)
     power = np.mean(np.abs(_spectrum(chirp, SEARCHED)) ** 2, axis=1)
     peak = int(power.argmax())
-    profile = np.mean(np.abs(np.fft.fft(_window(len(chirp))[:, None] * chirp, axis=0)) ** 2, axis=1)
+    profile = np.mean(np.abs(np.fft.fft(unit_hann(len(chirp))[:, None] * chirp, axis=0)) ** 2, axis=1)
     level = float(power_to_db(power[peak] / max(float(np.median(profile)), np.finfo(np.float64).tiny)))
     step = capture.radar.waveform.range_step_m
     if peak in (0, len(SEARCHED) - 1) or level < CLEAR_DB:
@@ -235,7 +229,7 @@ def _response(capture: RawCapture, place: Place) -> tuple[NDArray[np.complex128]
     bins = fine[at] + FINE_BINS * np.clip(moved, -1.0, 1.0)
     samples = len(chirp)
     turn = np.exp(-2j * np.pi * (np.arange(samples) / samples - 0.5)[:, None] * bins)
-    return np.asarray(np.sum(_window(samples)[:, None] * turn * chirp, axis=0)), bins
+    return np.asarray(np.sum(unit_hann(samples)[:, None] * turn * chirp, axis=0)), bins
 
 
 def residual(capture: RawCapture, place: Place, calibration: Calibration) -> Left:

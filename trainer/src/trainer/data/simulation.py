@@ -23,7 +23,7 @@ from shared.radar.arrays import AntennaArray
 from shared.signal import if_signal
 from shared.signal.imaging import DEFAULT_TERMS, near_field_images, sweep_moments
 from shared.signal.spectrum import range_doppler
-from shared.signal.windows import angle_window, cell_noise_power, hann
+from shared.signal.windows import angle_window, cell_noise_power, hann_noise_share
 from trainer.estimators.base import line_array
 
 TRUTH_WINDOW = "taylor-30"
@@ -80,8 +80,7 @@ def snapshot(
     single = radar.of_one_chirp
     cube = if_signal(single, positions_m, np.zeros_like(positions_m), amplitudes)
     if generator is not None:
-        window = hann(radar.waveform.chirps)
-        power = radar.sample_noise_power_w * np.sum(window**2) / np.sum(window) ** 2
+        power = radar.sample_noise_power_w * hann_noise_share(radar.waveform.chirps)
         noise = generator.standard_normal((*cube.shape, 2)) @ np.array([1.0, 1.0j])
         cube += np.sqrt(power / 2.0) * noise
     return range_doppler(cube.astype(np.complex64), single)[:, 0]

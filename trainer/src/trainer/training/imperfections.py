@@ -40,7 +40,7 @@ from jaxtyping import Complex128, Float, Float64, Int
 from shared.physics.units import db_to_power
 from shared.radar import Radar
 from shared.signal.signal import manifold
-from shared.signal.windows import hann, power_in_cell
+from shared.signal.windows import hann_noise_share, power_in_cell
 from trainer.run.configuration import Imperfections
 from trainer.training.online_points import hann_spectrum
 
@@ -97,8 +97,7 @@ class BoardErrors:
         bits = imperfections.bits
         # Two parts of q^2 / 12 each, q = 2 A / 2^b, over the square of the full scale A.
         self._quantisation = 0.0 if bits is None else power_in_cell((2.0 / 3.0) * 4.0**-bits, radar.waveform)
-        chirps = hann(radar.waveform.chirps)
-        self._doppler = float(np.sum(chirps**2) / np.sum(chirps) ** 2)
+        self._doppler = hann_noise_share(radar.waveform.chirps)
 
     def __call__(
         self,
