@@ -14,6 +14,7 @@ from paper_arrays import ARRAYS, IRREGULAR, U, deterministic_bound, echoes, nois
 from plain_lines import PlainFit
 
 from shared.physics.errors import InputError
+from shared.signal.windows import hann_response
 from trainer.estimators import fitting, group_products
 from trainer.estimators.array import LineArray, uniform_axis
 from trainer.estimators.base import ESTIMATORS
@@ -257,7 +258,7 @@ def test_any_number_of_threads_gives_the_same_bytes() -> None:
 def test_lines_are_joined_as_far_as_the_doppler_window_tells() -> None:
     """Mean place and variance of a migrating echo, times powers of the migration, at the edge of a Doppler cell."""
     edge, step = 0.5, 1e-3
-    log = np.log(fitting.hann_response(edge + step * np.arange(-1.0, 2.0)))
+    log = np.log(hann_response(edge + step * np.arange(-1.0, 2.0)))
     displaced = (log[0] - log[2]) / (2.0 * step) / (2.0 * np.pi)
     widened = (2.0 * log[1] - log[0] - log[2]) / step**2 / (2.0 * np.pi) ** 2
     assert displaced < DISPLACED < 2.0 * displaced
@@ -319,7 +320,7 @@ def test_products_are_those_of_the_windows_and_their_derivatives_those_of_differ
     group = group_products.Group(x, free, 1.0, 1.0, bend, 0.0)
 
     def response(u: float, offset: float) -> NDArray[np.complex128]:
-        window = fitting.whitening(at) @ fitting.hann_response(at[:, None] - offset + walk * u)
+        window = fitting.whitening(at) @ hann_response(at[:, None] - offset + walk * u)
         wave = np.exp(-1j * (model.phase * u + model.curve * bend * u**2))
         return (np.where(len(bins) > 1, window, 1.0) * wave).ravel()
 

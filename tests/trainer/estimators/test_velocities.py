@@ -9,12 +9,12 @@ from scipy.optimize import minimize
 
 from shared.radar import Radar, load_radar
 from shared.signal import if_signal
-from shared.signal.windows import cell_noise_power
+from shared.signal.windows import cell_noise_power, hann_correlation, hann_response
 from trainer.captures.cube_file import CubeFile
 from trainer.data.measurements import of_cube
 from trainer.data.simulation import amplitude_of, in_plane
 from trainer.estimators.base import ESTIMATORS, line_array
-from trainer.estimators.fitting import FittedLines, RangePlace, hann_correlation, hann_response
+from trainer.estimators.fitting import FittedLines, RangePlace
 from trainer.estimators.velocities import lean, velocity_offsets
 from trainer.run.detections import Detections, Sought, find_detections
 

@@ -19,7 +19,7 @@ from shared.physics.errors import InputError
 from shared.radar import Radar, load_radar
 from shared.signal import if_signal
 from shared.signal.spectrum import select_doppler
-from shared.signal.windows import cell_noise_power, hann
+from shared.signal.windows import cell_noise_power, hann, hann_envelope_db, hann_response
 from trainer import predict
 from trainer.cli.app import app
 from trainer.data.arrays import choose_array
@@ -27,10 +27,9 @@ from trainer.data.cfar import cfar_cells
 from trainer.data.measurements import Cells
 from trainer.data.simulation import amplitude_of, in_plane, snapshot
 from trainer.estimators.base import ESTIMATORS
-from trainer.estimators.fitting import alternating, hann_response
+from trainer.estimators.fitting import alternating
 from trainer.run.detection_files import UNITS, records, write_csv, write_pcd
 from trainer.run.detections import Detections, Sought, find_detections, line_probability
-from trainer.run.targets_once import hann_envelope_db
 
 ARRAY = ARRAYS["sparse6"]
 CHANNELS = choose_array("sparse6", RADAR).channels(RADAR)

@@ -13,6 +13,7 @@ from scipy.stats import ncx2
 from shared.radar import Radar, load_radar
 from shared.radar.arrays import AntennaArray
 from shared.signal import if_signal
+from shared.signal.windows import hann_response
 from trainer.data.cfar import CELL_FALSE_ALARM, cfar_thresholds
 from trainer.data.measurements import Cells
 from trainer.estimators.array import LineArray, uniform_axis
@@ -21,7 +22,6 @@ from trainer.estimators.fitting import (
     RangePlace,
     alternating,
     fit_groups,
-    hann_response,
     whitening,
 )
 from trainer.run import false_alarms

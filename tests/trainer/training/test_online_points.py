@@ -8,7 +8,7 @@ from tiny_radar import RADAR
 from shared.radar import Radar, load_radar
 from shared.signal import if_signal, if_signal_of_delays
 from shared.signal.spectrum import range_doppler
-from shared.signal.windows import hann
+from shared.signal.windows import hann, hann_spectrum
 from trainer.estimators.array import line_array
 from trainer.training import online_points as module
 from trainer.training.online_points import (
@@ -21,7 +21,6 @@ from trainer.training.online_points import (
     OnlinePoints,
     Targets,
     draw_targets,
-    hann_spectrum,
 )
 
 CPU = torch.device("cpu")

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Complex128, Float, Float64, Integer
+from numpy.typing import ArrayLike
 
+from shared.physics.units import ArrayOrScalar
 from shared.processes.defaults import ANGLE_WINDOWS
 from shared.radar import Radar
 from shared.radar.waveform import Waveform
@@ -35,6 +37,41 @@ def hann_noise_share(length: int) -> float:
 def _symmetric_hann(length: int) -> Float64[np.ndarray, " {length}"]:
     """[length] Hann window whose first and last weights are 0; length at least 2."""
     return 0.5 + 0.5 * np.cos(np.linspace(-np.pi, np.pi, length))
+
+
+def hann_response(offset: ArrayLike) -> Float64[ArrayOrScalar, ...]:
+    """Of :func:`unit_hann` of many samples to a target ``offset`` bins off, about its centre: sinc(x) / (1 - x^2)."""
+    x = np.asarray(offset, dtype=np.float64)
+    rest = 1.0 - x**2
+    edge = np.abs(rest) < 1e-9
+    return np.where(edge, 0.5, np.sinc(x) / np.where(edge, 1.0, rest))
+
+
+def hann_slope(offset: Float[np.ndarray, "*any"]) -> Float64[np.ndarray, "*any"]:
+    """Derivative of :func:`hann_response` by x [1 / bin]: central differences, within 1e-7 of it."""
+    half_step = 1e-5
+    return (hann_response(offset + half_step) - hann_response(offset - half_step)) / (2.0 * half_step)
+
+
+def hann_spectrum(offset: Float[np.ndarray, "*any"]) -> Complex128[np.ndarray, "*any"]:
+    """As :func:`hann_response`, about the first sample."""
+    return hann_response(offset) * np.exp(1j * np.pi * offset)
+
+
+LEAST_OFFSET = 1.5
+"""Bins from a peak where the window's response has fallen and its envelope begins."""
+
+
+def hann_envelope_db(offset: Float[np.ndarray, "*any"]) -> Float64[np.ndarray, "*any"]:
+    """Level of :func:`hann_response` at most [dB]: 0 below 1.5 bins, then its envelope 1 / (pi x (x^2 - 1))."""
+    distance = np.maximum(np.abs(offset), LEAST_OFFSET)
+    fallen = -20.0 * np.log10(np.pi * distance * (distance**2 - 1.0))
+    return np.where(np.abs(offset) < LEAST_OFFSET, 0.0, fallen)
+
+
+def hann_correlation(bins: Integer[np.ndarray, "*any"]) -> Float64[np.ndarray, "*any"]:
+    """Of white noise in two bins of a Hann windowed spectrum, by their distance: the spectrum of its square."""
+    return np.array([1.0, 2.0 / 3.0, 1.0 / 6.0, 0.0])[np.minimum(np.abs(bins), 3)]
 
 
 def cell_noise_power(radar: Radar) -> float:

@@ -17,6 +17,7 @@ from scipy.special import gammaincinv
 
 from shared.physics.errors import InputError
 from shared.signal.model_error import model_error_ratio, with_model_error
+from shared.signal.windows import hann_correlation, hann_response, hann_slope
 from trainer.estimators.array import LARGEST_RELATIVE_NOISE, LineArray, check_snapshots, row_powers, uniform_axis
 from trainer.estimators.group_products import MOST_CELLS, POINTS_A_BIN, TABLE_BINS, Model
 from trainer.estimators.groups import fit_in_turn
@@ -172,24 +173,6 @@ def fit_groups(
         all_groups(found[..., 0], np.nan), strength, all_groups(deviation[..., 0], np.nan),
         all_groups(found[..., 1], np.nan), all_groups(deviation[..., 1], np.nan),
     )  # fmt: skip
-
-
-def hann_response(x: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Of a periodic Hann window to a target ``x`` bins off, about its centre: sinc(x) / (1 - x^2)."""
-    rest = 1.0 - np.asarray(x, dtype=np.float64) ** 2
-    edge = np.abs(rest) < 1e-9
-    return np.where(edge, 0.5, np.sinc(x) / np.where(edge, 1.0, rest))
-
-
-def hann_correlation(bins: NDArray[np.integer]) -> NDArray[np.float64]:
-    """Of white noise in two bins of a Hann windowed spectrum, by their distance: the spectrum of its square."""
-    return np.array([1.0, 2.0 / 3.0, 1.0 / 6.0, 0.0])[np.minimum(np.abs(bins), 3)]
-
-
-def hann_slope(x: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Derivative of :func:`hann_response` by x [1 / bin]: central differences, within 1e-7 of it."""
-    half_step = 1e-5
-    return (hann_response(x + half_step) - hann_response(x - half_step)) / (2.0 * half_step)
 
 
 def alternating(bins: NDArray[np.integer]) -> NDArray[np.float64]:

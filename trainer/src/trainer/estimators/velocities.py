@@ -37,14 +37,12 @@ from numpy.typing import NDArray
 
 from shared.radar import Radar
 from shared.signal.signal import chirp_times
+from shared.signal.windows import hann_correlation, hann_response, hann_slope
 from trainer.estimators.array import LineArray
 from trainer.estimators.fitting import (
     FittedLines,
     RangePlace,
     alternating,
-    hann_correlation,
-    hann_response,
-    hann_slope,
     whitening,
 )
 from trainer.estimators.lines import RIDGE

@@ -50,9 +50,10 @@ from scipy.stats import ncx2
 
 from shared.radar import Radar
 from shared.signal.tdm import most_coherent
+from shared.signal.windows import hann_response, hann_slope
 from trainer.data.cfar import cfar_thresholds
 from trainer.estimators.array import LineArray, uniform_axis
-from trainer.estimators.fitting import hann_response, hann_slope, whitening
+from trainer.estimators.fitting import whitening
 
 LEAST, MOST = 1.0, 700.0
 """Levels between which the answer is sought."""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.physics.units import amplitude_to_db, db_to_power
+from shared.signal.windows import hann_envelope_db
 from trainer.estimators.array import LineArray, uniform_axis
 from trainer.estimators.fitting import SEARCH_POINTS
 from trainer.estimators.lines import beside_lines
@@ -113,8 +114,6 @@ SIDEBAND_FACTOR = 18.0
 1.4 dB more, since a line stands where it is strongest, between bins too."""
 DISPLACED = 3.0
 """Standard deviations, by which noise may have displaced a sidelobe from the angle of its line."""
-LEAST_OFFSET = 1.5
-"""Bins from a peak where the window's response has fallen and its envelope begins."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,13 +263,3 @@ def _around(power: NDArray[np.float64], rows: NDArray[np.intp]) -> NDArray[np.fl
     result = np.zeros(len(rows))
     result[known] = np.nanmedian(around[known], axis=1)
     return result
-
-
-def hann_envelope_db(offset: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Level of a Hann window's response [dB] at most, this many bins from its peak: 0 below 1.5, then its envelope.
-
-    The response is sinc(x) / (1 - x^2), that of its sidelobes at most 1 / (pi x (x^2 - 1)).
-    """
-    distance = np.maximum(np.abs(np.asarray(offset, dtype=np.float64)), LEAST_OFFSET)
-    fallen = -20.0 * np.log10(np.pi * distance * (distance**2 - 1.0))
-    return np.where(np.abs(offset) < LEAST_OFFSET, 0.0, fallen)

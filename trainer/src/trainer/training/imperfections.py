@@ -40,9 +40,8 @@ from jaxtyping import Complex128, Float, Float64, Int
 from shared.physics.units import db_to_power
 from shared.radar import Radar
 from shared.signal.signal import manifold
-from shared.signal.windows import hann_noise_share, power_in_cell
+from shared.signal.windows import hann_noise_share, hann_spectrum, power_in_cell
 from trainer.run.configuration import Imperfections
-from trainer.training.online_points import hann_spectrum
 
 STREAM = 2
 """Third entry of a board's seed: :mod:`trainer.training.augmentation` has none, online points have 1."""

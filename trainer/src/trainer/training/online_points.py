@@ -27,9 +27,8 @@ from shared.physics.units import db_to_power
 from shared.radar import Radar
 from shared.signal.imaging import steering_matrix
 from shared.signal.tdm import turns
-from shared.signal.windows import angle_window
+from shared.signal.windows import angle_window, hann_spectrum
 from trainer.estimators.array import line_array
-from trainer.estimators.fitting import hann_response
 from trainer.metrics.cells import visible_cells
 from trainer.training.losses import spots
 
@@ -247,8 +246,3 @@ class OnlinePoints:
                 place = np.concatenate([place, cells[of_extended, 1]])
             made.append(spots(len(image), grid.bins, row, place))
         return torch.from_numpy(np.stack(made))
-
-
-def hann_spectrum(offset: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Of the periodic Hann window over its sum, ``offset`` bins from the peak; many samples."""
-    return hann_response(offset) * np.exp(1j * np.pi * offset)
