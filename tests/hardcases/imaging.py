@@ -15,8 +15,8 @@ from hardcases.tools import small_radar
 from numpy.typing import NDArray
 from oracles import relative_error
 
-from shared.signal.features import covariance_channels, covariance_rows, paper_features, row_features, steering_weights
-from shared.signal.imaging import delay_and_sum, near_field_images, steering_matrix
+from shared.signal.features import covariance_channels, covariance_rows, paper_features, row_features
+from shared.signal.imaging import delay_and_sum, near_field_images, steering_matrix, steering_weights
 from shared.signal.spectrum import select_doppler
 
 ROWS, NOISE_W = 12, 1e-12

@@ -105,7 +105,7 @@ def _one_strong_batch() -> dict[str, Any]:
     """Frames whose rows hold one target each, noise 80 dB below it, its truth one pixel of the target's amplitude."""
     import torch
 
-    from shared.signal.features import steering_weights
+    from shared.signal.imaging import steering_weights
 
     radar, batch = small_radar(), _batch(1.0)
     channels = radar.array.channels

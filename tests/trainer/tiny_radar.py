@@ -13,8 +13,7 @@ from shared.dataset import Frame, arrow_schema, description, to_record_batch
 from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AntennaArray, line
 from shared.radar.waveform import Waveform
-from shared.signal.features import steering_weights
-from shared.signal.imaging import steering_matrix
+from shared.signal.imaging import steering_matrix, steering_weights
 from trainer.run.configuration import FitConfig
 
 RADAR = Radar(

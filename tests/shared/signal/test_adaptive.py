@@ -21,15 +21,8 @@ from shared.signal.adaptive import (
     view_table,
     virtual_view,
 )
-from shared.signal.features import (
-    ADAPTIVE_CHANNELS,
-    ROW_CHANNELS,
-    adaptive_features,
-    row_features,
-    snapshot_features,
-    steering_weights,
-)
-from shared.signal.imaging import steering_matrix
+from shared.signal.features import ADAPTIVE_CHANNELS, ROW_CHANNELS, adaptive_features, row_features, snapshot_features
+from shared.signal.imaging import steering_matrix, steering_weights
 from shared.signal.windows import angle_window
 
 RADAR = Radar()

@@ -30,8 +30,8 @@ from shared.signal.features import (
     paper_features,
     row_features,
     snapshot_features,
-    steering_weights,
 )
+from shared.signal.imaging import steering_weights
 from shared.signal.model_error import NO_MODEL_ERROR_DB, UNCALIBRATED_DB, model_error_ratio, row_noise
 
 RADAR = Radar(waveform=Waveform(samples=16, chirps=2, range_bins=5), grid=ImageGrid(bins=450))

@@ -22,7 +22,8 @@ from shared.radar import Radar
 from shared.signal import if_signal
 from shared.signal.adaptive import adaptive_tables
 from shared.signal.ego_motion import EgoMotion, StaticWorld
-from shared.signal.features import adaptive_features, row_features, snapshot_features, steering_weights
+from shared.signal.features import adaptive_features, row_features, snapshot_features
+from shared.signal.imaging import steering_weights
 from trainer import predict
 from trainer.cli.app import app
 from trainer.data.measurements import Cells, Measurement, open_measurements

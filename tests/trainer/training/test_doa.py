@@ -6,7 +6,7 @@ import torch
 from tiny_radar import RADAR, TINY, frame, write_dataset
 
 from shared.radar.arrays import line
-from shared.signal.features import steering_weights
+from shared.signal.imaging import steering_weights
 from trainer import fit, predict
 from trainer.run.export import export
 from trainer.run.folder import CHECKPOINT

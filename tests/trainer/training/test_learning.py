@@ -7,7 +7,7 @@ import pytest
 import torch
 from tiny_radar import NOISE_POWER, RADAR, TINY, frame, tiny
 
-from shared.signal.features import steering_weights
+from shared.signal.imaging import steering_weights
 from shared.signal.signal import manifold
 from trainer.data.arrays import ArrayChoice
 from trainer.data.dataset import BatchOrder

@@ -35,9 +35,8 @@ import numpy as np
 from jaxtyping import Complex, Complex64, Float, Float32, Float64, Int
 
 from shared.radar import Radar
-from shared.signal.imaging import steering_matrix
+from shared.signal.imaging import sensor_weights
 from shared.signal.signal import manifold
-from shared.signal.windows import angle_window
 
 Array = Any
 """A NumPy array or a torch tensor; what goes in comes out."""
@@ -162,9 +161,8 @@ def view_table(
     :class:`AdaptiveTables`.
     """
     sensor, u = radar.virtual_sensor, scanned_angles(radar)
-    weights = angle_window(window, sensor.channels)[:, None] / sensor.channels * steering_matrix(radar, sensor)
     wavelength_m = radar.waveform.wavelength_m
-    seen = manifold(sensor.virtual[:, 1], wavelength_m, u).T @ weights
+    seen = manifold(sensor.virtual[:, 1], wavelength_m, u).T @ sensor_weights(radar, window)
     middle_m = float(radar.array.virtual[channels, 1].mean())
     return (seen * np.exp(2j * np.pi / wavelength_m * middle_m * u)[:, None]).astype(np.complex64)
 

@@ -3,8 +3,8 @@ adaptive spectrum makes of them.
 
 One implementation for NumPy and torch: the functions use only what both spell alike, so that the training device
 computes what a deployed front end computes with NumPy. Inputs are batched, ``[..., R, C]``, and already hold the chosen
-channels alone; ``weights`` are those of :func:`steering_weights` for the same channels. A row, or an image, that is
-all zero gives zeros: no function divides by zero or takes its logarithm.
+channels alone; ``weights`` are those of :func:`shared.signal.imaging.steering_weights` for the same channels. A row, or
+an image, that is all zero gives zeros: no function divides by zero or takes its logarithm.
 """
 
 from __future__ import annotations
@@ -12,11 +12,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from jaxtyping import Complex, Complex64, Float, Int
+from jaxtyping import Complex, Float
 
-from shared.radar import Radar
 from shared.signal.adaptive import AdaptiveTables, Array, adaptive_spectrum, array_namespace
-from shared.signal.imaging import steering_matrix
 from shared.signal.model_error import with_model_error
 
 Snapshots = Complex[Array, "*batch rows channels"]
@@ -40,11 +38,6 @@ COMPRESSED = "compressed adaptive magnitude"
 ADAPTIVE_CHANNELS = (*ROW_CHANNELS, COMPRESSED)
 LARGEST_NOISE = 1e3
 """Noise amplitude over a row's; more makes no difference to an adaptive spectrum."""
-
-
-def steering_weights(radar: Radar, channels: Int[np.ndarray, " channels"]) -> Complex64[np.ndarray, "channels bins"]:
-    """[C, U] weights of eq. (9) for these channels of the radar's array, divided by their number."""
-    return (steering_matrix(radar, radar.array)[channels] / len(channels)).astype(np.complex64)
 
 
 def paper_features(range_channel: Snapshots, weights: Weights) -> Float[Array, "*batch 5 rows bins"]:

@@ -19,7 +19,7 @@ from shared.radar.arrays import AntennaArray
 from shared.signal.near_field_kernels import PRODUCT_FRAMES, Pairs, Row, fill_folded, fill_matrix, fold_signals, unfold
 from shared.signal.signal import manifold
 from shared.signal.sweep import reference_frequency_hz, shift_polynomials, sweep_positions
-from shared.signal.windows import unit_hann
+from shared.signal.windows import angle_window, unit_hann
 
 DEFAULT_TERMS = 5
 """Polynomial terms of the range walk: -70 dB of the image's peak from 3 to 60 m (``make bench``, truth_vs_exact)."""
@@ -36,6 +36,20 @@ def steering_matrix(radar: Radar, array: AntennaArray) -> Complex128[np.ndarray,
     return manifold(array.virtual[:, 1], radar.waveform.wavelength_m, radar.grid.u).conj()
 
 
+def steering_weights(
+    radar: Radar, channels: Int[np.ndarray, " channels"] | slice = slice(None)
+) -> Complex64[np.ndarray, "channels bins"]:
+    """[C, U] weights of eq. (9) for these channels of the radar's array, divided by their number."""
+    weights = steering_matrix(radar, radar.array)[channels]
+    return (weights / len(weights)).astype(np.complex64)
+
+
+def sensor_weights(radar: Radar, window: str) -> Complex128[np.ndarray, "channels bins"]:
+    """[C, U] weights of the virtual sensor for plane waves, as the truth's window has them, divided by their number."""
+    sensor = radar.virtual_sensor
+    return angle_window(window, sensor.channels)[:, None] / sensor.channels * steering_matrix(radar, sensor)
+
+
 def delay_and_sum(
     range_channel: Complex[np.ndarray, "*rows channels"],
     radar: Radar,
@@ -45,10 +59,8 @@ def delay_and_sum(
 
     :param channels: indices of the virtual elements to use; all by default
     """
-    weights = steering_matrix(radar, radar.array)
-    if channels is not None:
-        weights, range_channel = weights[channels], range_channel[..., channels]
-    return (range_channel @ (weights / len(weights)).astype(np.complex64)).astype(np.complex64, copy=False)
+    used = slice(None) if channels is None else channels
+    return (range_channel[..., used] @ steering_weights(radar, used)).astype(np.complex64, copy=False)
 
 
 def sweep_moments(

@@ -24,8 +24,8 @@ from shared.signal.features import (
     covariance_channels,
     paper_features,
     snapshot_features,
-    steering_weights,
 )
+from shared.signal.imaging import steering_weights
 from shared.signal.model_error import NO_MODEL_ERROR_DB, model_error_ratio
 from trainer.data.arrays import ArrayChoice
 from trainer.networks.convolutional import LEAST_CHANNELS, AttentionUNet, DoaCnn, SpectralUNet

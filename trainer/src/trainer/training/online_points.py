@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 
 from shared.physics.units import db_to_power
 from shared.radar import Radar
-from shared.signal.imaging import steering_matrix
+from shared.signal.imaging import sensor_weights
 from shared.signal.tdm import turns
-from shared.signal.windows import angle_window, hann_spectrum
+from shared.signal.windows import hann_spectrum
 from trainer.estimators.array import line_array
 from trainer.metrics.cells import visible_cells
 from trainer.training.losses import spots
@@ -172,10 +172,8 @@ class OnlinePoints:
         self._radar, self._channels = radar, array.channels
         self._turns = turns(radar)
         self._phase = wavenumber * np.concatenate([array.virtual[:, 1], sensor.virtual[:, 1]])
-        squares = array.rx[:, None, 1] ** 2 + array.tx[None, :, 1] ** 2  # channels are rx-major
-        self._curvature = 0.5 * wavenumber * np.concatenate([squares.ravel(), np.zeros(sensor.channels)])
-        weights = angle_window(truth_window, sensor.channels)[:, None] / sensor.channels
-        self._matched = torch.from_numpy((weights * steering_matrix(radar, sensor)).astype(np.complex64))
+        self._curvature = np.concatenate([line_array(radar).bend_phase(np.ones(1))[0], np.zeros(sensor.channels)])
+        self._matched = torch.from_numpy(sensor_weights(radar, truth_window).astype(np.complex64))
         self._least = np.sqrt(db_to_power(LEAST_SUM_DB) / channels)
         self._seen_by = channels
 
