@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from paper_arrays import ARRAYS, IRREGULAR, U, echoes, noise, some_rows
 
+from shared.processes.defaults import TRUTH_WINDOW
 from shared.signal.adaptive import PRIOR_EXPONENT
 from shared.signal.windows import angle_window
 from trainer.estimators.adaptive import (
@@ -14,7 +15,6 @@ from trainer.estimators.adaptive import (
     FLOOR,
     SHARP_ITERATIONS,
     VIEW_ITERATIONS,
-    WINDOW,
     Prior,
     VirtualView,
     over_period,
@@ -25,7 +25,7 @@ from trainer.estimators.base import LineArray
 
 def line_response(u: float, towards: NDArray[np.floating]) -> NDArray[np.complex128]:
     """[U] what 256 elements half a wavelength apart, with their window, see of an echo from u, element by element."""
-    weights = angle_window(WINDOW, ELEMENTS) / ELEMENTS
+    weights = angle_window(TRUTH_WINDOW, ELEMENTS) / ELEMENTS
     offsets = np.arange(ELEMENTS) - 127.5
     return np.asarray(
         sum(w * np.exp(1j * np.pi * n * (towards - u)) for w, n in zip(weights, offsets, strict=True)),

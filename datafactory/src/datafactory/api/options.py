@@ -28,7 +28,7 @@ from datafactory.defaults import (
 )
 from datafactory.scenes.city.rules import MOST_BLOCKS, Style
 from shared.processes.declared import Option, Options
-from shared.processes.defaults import ANGLE_WINDOWS, DEFAULT_RADAR, LARGEST_SEED, STORES
+from shared.processes.defaults import ANGLE_WINDOWS, DEFAULT_RADAR, LARGEST_SEED, STORES, TRUTH_WINDOW
 from shared.processes.telling import TellingOptions
 
 if TYPE_CHECKING:
@@ -173,7 +173,7 @@ class SignalOptions(Options, heading="Effects and accuracy"):
 
     noise: Annotated[bool, Option("Add receiver noise.")] = True
     truth_window: Annotated[str, Option(
-        "Over the virtual sensor: none, taylor-25, taylor-30 or hann.", choices=ANGLE_WINDOWS)] = "taylor-30"
+        "Over the virtual sensor: none, taylor-25, taylor-30 or hann.", choices=ANGLE_WINDOWS)] = TRUTH_WINDOW
 
 
 class OutputOptions(Options, heading="Output"):

@@ -27,6 +27,7 @@ from datafactory.synthesis.sorting import sorted_paths
 from shared.dataset import Box, Frame, Target
 from shared.physics.units import amplitude_to_db
 from shared.physics.vectors import Real
+from shared.processes.defaults import TRUTH_WINDOW
 from shared.radar import Radar
 from shared.radar.receiver import received
 from shared.signal.imaging import DEFAULT_TERMS, near_field_images
@@ -69,7 +70,7 @@ class Processing:
     peaks: int = 3
     noise: bool = True
     store: str = "range-channel"
-    truth_window: str = "taylor-30"
+    truth_window: str = TRUTH_WINDOW
     tolerance: float = 1e-3
     truth_terms: int = DEFAULT_TERMS
     doppler: bool = True

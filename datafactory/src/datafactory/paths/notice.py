@@ -25,6 +25,7 @@ from datafactory.paths.cells import cell_numbers, cell_power
 from datafactory.paths.table import DIFFUSE, SPECULAR, PathTable, ScatteredPaths, SpecularPaths, amplitude_gain
 from shared.physics.units import db_to_power
 from shared.physics.vectors import Mask, Real
+from shared.processes.defaults import TRUTH_WINDOW
 from shared.radar import FrontEnd, Radar
 from shared.signal.windows import cell_noise_power
 
@@ -46,7 +47,7 @@ class Notice:
     budget_db: float
     below_noise: bool = True
     antenna_pattern: bool = True
-    truth_window: str = "taylor-30"
+    truth_window: str = TRUTH_WINDOW
 
     @property
     def front_end(self) -> FrontEnd:

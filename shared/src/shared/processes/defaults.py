@@ -16,3 +16,6 @@ STORES = ("range-channel", "range-doppler", "cube")
 
 ANGLE_WINDOWS = ("none", "taylor-25", "taylor-30", "hann")
 """Windows over the virtual sensor's elements that the truth can be made with."""
+
+TRUTH_WINDOW = "taylor-30"
+"""Of these, the one that truths are made with where none is stated."""

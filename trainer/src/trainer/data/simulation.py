@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shared.processes.defaults import TRUTH_WINDOW
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.signal import if_signal
@@ -25,9 +26,6 @@ from shared.signal.imaging import DEFAULT_TERMS, near_field_images, sweep_moment
 from shared.signal.spectrum import range_doppler
 from shared.signal.windows import angle_window, cell_noise_power, hann_noise_share
 from trainer.estimators.base import line_array
-
-TRUTH_WINDOW = "taylor-30"
-"""Of the virtual sensor's elements, the dataset factory's default."""
 
 LEAST_BINS = 4
 """Angle bins that a lobe needs to have a width."""

@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from shared.processes.defaults import TRUTH_WINDOW
 from shared.signal.adaptive import (
     PRIOR_EXPONENT,
     AdaptiveTables,
@@ -33,8 +34,8 @@ VIEW_ITERATIONS = 5
 """More make the powers sparser, and the view of extended targets with them."""
 SHARP_ITERATIONS = (4, 5)
 """Of IAA, then of LIKES, of the sharper view."""
-ELEMENTS, WINDOW = 256, "taylor-30"
-"""Of the line of the view: the virtual sensor of the paper and the datasets' default truth."""
+ELEMENTS = 256
+"""Of the line of the view: the virtual sensor of the paper."""
 FLOOR = 1e-6
 """Least power of white noise in a covariance, of the power in a channel. The form a^H R^-1 a is wrong by some
 (power / noise)^2 x 2e-16 where R was inverted as a whole: 1e-3 with this floor, everything with 1e-9."""
@@ -166,7 +167,7 @@ class VirtualView:
         axis, _ = scan_axis(array, u)
         tables = line_tables(array.positions_m, array.wavelength_m, axis)
         places = 0.5 * array.wavelength_m * (np.arange(ELEMENTS) - 0.5 * (ELEMENTS - 1))
-        weights = angle_window(WINDOW, ELEMENTS)[:, None] / ELEMENTS
+        weights = angle_window(TRUTH_WINDOW, ELEMENTS)[:, None] / ELEMENTS
         seen = manifold(places, array.wavelength_m, axis).T
         line = seen @ (weights * manifold(places, array.wavelength_m, np.asarray(u)).conj())  # (N, U)
 

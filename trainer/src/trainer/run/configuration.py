@@ -11,10 +11,9 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, FiniteFloat, model_validator
 
-from shared.processes.defaults import LARGEST_SEED
+from shared.processes.defaults import ANGLE_WINDOWS, LARGEST_SEED, TRUTH_WINDOW
 from shared.radar.front_end import PhaseNoise
 from shared.radar.validation import Described
-from shared.signal.windows import ANGLE_WINDOWS
 from trainer.defaults import Features, Model, Precision, Target
 
 Share = Annotated[FiniteFloat, Field(ge=0, le=1)]
@@ -164,7 +163,7 @@ class FitConfig(Described):
     features: Features = "snapshots"
     iterations: Few = 5
     learned: Annotated[int, Field(ge=0, le=64)] = 2
-    truth_window: str = "taylor-30"
+    truth_window: str = TRUTH_WINDOW
     detection: NotNegative = 0.25
     target: Target = "row"
     exponent: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.5

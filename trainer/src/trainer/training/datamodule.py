@@ -15,8 +15,8 @@ from shared.dataset.folder import Dataset, open_dataset, verify
 from shared.dataset.locations import Location, locate
 from shared.dataset.reading import radar_of
 from shared.physics.errors import InputError
+from shared.processes.defaults import ANGLE_WINDOWS
 from shared.processes.pool import end_with_parent
-from shared.signal.windows import ANGLE_WINDOWS
 from trainer.data.dataset import ShardDataset
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import Fingerprint, same_radar, scene_records
