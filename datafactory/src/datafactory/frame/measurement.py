@@ -25,7 +25,7 @@ from datafactory.synthesis.cube import ON_CPU, Kernels
 from datafactory.synthesis.motion import Recording
 from datafactory.synthesis.sorting import sorted_paths
 from shared.dataset import Box, Frame, Target
-from shared.physics.units import amplitude_to_db
+from shared.physics.units import amplitude_to_db, db_to_amplitude
 from shared.physics.vectors import Real
 from shared.processes.defaults import TRUTH_WINDOW
 from shared.radar import Radar
@@ -177,7 +177,7 @@ def _of_targets(scattered: ScatteredPaths, first_object: int) -> NDArray[np.bool
 def detected_cells(magnitude: NDArray[np.float32], noise_power: float) -> NDArray[np.bool_]:
     """[R, U] local maxima of a truth image [sqrt(W)] above the noise."""
     peak = float(magnitude.max())
-    floor = max(float(np.sqrt(noise_power)), peak * 10.0 ** (-CELL_SPAN_DB / 20.0))
+    floor = max(float(np.sqrt(noise_power)), peak * float(db_to_amplitude(-CELL_SPAN_DB)))
     return (magnitude == maximum_filter(magnitude, size=3)) & (magnitude > floor)
 
 

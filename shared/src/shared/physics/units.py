@@ -35,18 +35,23 @@ def db_to_power(value_db: ArrayLike) -> Float64[ArrayOrScalar, ...]:
     return np.power(10.0, np.asarray(value_db, dtype=np.float64) / 10.0)
 
 
+def db_to_amplitude(value_db: ArrayLike) -> Float64[ArrayOrScalar, ...]:
+    """Magnitude ratio of a level [dB]: ``10 ** (value / 20)``, element by element."""
+    return np.power(10.0, np.asarray(value_db, dtype=np.float64) / 20.0)
+
+
 def power_to_db(power: ArrayLike, floor_db: float = -400.0) -> Float64[ArrayOrScalar, ...]:
     """Level [dB] of a power ratio; zero and everything below ``floor_db`` reads ``floor_db``, so it is always
     finite.
     """
     power = np.asarray(power, dtype=np.float64)
-    return 10.0 * np.log10(np.maximum(power, 10.0 ** (floor_db / 10.0)))
+    return 10.0 * np.log10(np.maximum(power, db_to_power(floor_db)))
 
 
 def amplitude_to_db(amplitude: ArrayLike, floor_db: float = -400.0) -> Float64[ArrayOrScalar, ...]:
     """Level [dB] of a magnitude ratio, ``20 log10 |amplitude|``; finite like :func:`power_to_db`."""
     magnitude = np.abs(np.asarray(amplitude))
-    return 20.0 * np.log10(np.maximum(magnitude.astype(np.float64), 10.0 ** (floor_db / 20.0)))
+    return 20.0 * np.log10(np.maximum(magnitude.astype(np.float64), db_to_amplitude(floor_db)))
 
 
 def dbm_to_watt(level_dbm: float) -> float:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Complex, Float
 
+from shared.physics.units import db_to_amplitude
 from shared.signal.adaptive import AdaptiveTables, Array, adaptive_spectrum, array_namespace
 from shared.signal.model_error import with_model_error
 
@@ -218,7 +219,7 @@ def _log_magnitude(xp: Any, magnitude: Array) -> Array:
     """[..., R, U] log10 magnitude with a floor below the image's maximum, min-max normalised per image."""
     largest = xp.amax(magnitude, axis=(-2, -1), keepdims=True)
     relative = magnitude / xp.where(largest > 0, largest, 1.0)
-    logarithm = xp.log10(xp.clip(relative, 10.0 ** (MAGNITUDE_FLOOR_DB / 20.0), None))
+    logarithm = xp.log10(xp.clip(relative, float(db_to_amplitude(MAGNITUDE_FLOOR_DB)), None))
     lowest = xp.amin(logarithm, axis=(-2, -1), keepdims=True)
     span = xp.amax(logarithm, axis=(-2, -1), keepdims=True) - lowest
     return (logarithm - lowest) / xp.where(span > 0, span, 1.0)

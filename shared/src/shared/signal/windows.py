@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Complex128, Float, Float64, Integer
 from numpy.typing import ArrayLike
 
-from shared.physics.units import ArrayOrScalar
+from shared.physics.units import ArrayOrScalar, db_to_amplitude
 from shared.processes.defaults import ANGLE_WINDOWS
 from shared.radar import Radar
 from shared.radar.waveform import Waveform
@@ -109,7 +109,7 @@ def _taylor(length: int, sidelobe_db: float) -> Float64[np.ndarray, " {length}"]
 
     :param sidelobe_db: the main lobe over the first sidelobes
     """
-    a = np.arccosh(10.0 ** (sidelobe_db / 20.0)) / np.pi
+    a = np.arccosh(db_to_amplitude(sidelobe_db)) / np.pi
     stretch = LEVEL_SIDELOBES**2 / (a**2 + (LEVEL_SIDELOBES - 0.5) ** 2)
     order = np.arange(1.0, LEVEL_SIDELOBES)
     above = (1.0 - order[:, None] ** 2 / stretch / (a**2 + (order - 0.5) ** 2)).prod(axis=1)

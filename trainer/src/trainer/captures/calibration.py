@@ -27,6 +27,7 @@ from pydantic import Field, FiniteFloat, model_validator
 from shared.dataset.documents import sealed, unsealed
 from shared.dataset.writing import write_text
 from shared.physics.errors import InputError
+from shared.physics.units import db_to_amplitude
 from shared.radar import Radar, read_toml, validated
 from shared.radar.arrays import AntennaArray
 from shared.radar.validation import Described
@@ -85,7 +86,7 @@ class Calibration(Described):
 
     def response(self, frequency_hz: NDArray[np.float64]) -> NDArray[np.complex128]:
         """[F, C] H_c at frequencies [F]."""
-        factor = 10.0 ** (np.array(self.gain_db) / 20.0) * np.exp(1j * np.deg2rad(self.phase_deg))
+        factor = db_to_amplitude(np.array(self.gain_db)) * np.exp(1j * np.deg2rad(self.phase_deg))
         offset = frequency_hz - (self.carrier_hz + 0.5 * self.bandwidth_hz)
         return factor * np.exp(2j * np.pi * offset[:, None] * np.array(self.delay_s))
 

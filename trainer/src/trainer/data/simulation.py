@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shared.physics.units import db_to_amplitude
 from shared.processes.defaults import TRUTH_WINDOW
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
@@ -184,7 +185,7 @@ def simulate(
     level_db = np.zeros((count, targets))
     if targets == 2:
         level_db[np.arange(count), 1 - stronger] = -condition.ratio_db
-    amplitude = amplitude_of(condition.snr_db, radar) * 10.0 ** (level_db / 20.0) * np.exp(1j * phase[:, :targets])
+    amplitude = amplitude_of(condition.snr_db, radar) * db_to_amplitude(level_db) * np.exp(1j * phase[:, :targets])
     ranges = radar.waveform.range_step_m * np.repeat(rows, targets).astype(np.float64)
     images = []
     for part in np.split(np.arange(count), count // len(rows)):

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import label, maximum_filter, mean
 
 from shared.physics.errors import InputError
-from shared.physics.units import db_to_power
+from shared.physics.units import db_to_amplitude, db_to_power
 from trainer.metrics.bootstrap import UNDEFINED, Interval, bootstrap_frames
 
 LEAST_SNR_DB = 13.0
@@ -95,7 +95,7 @@ def visible_cells(image: NDArray[np.floating], noise_power: float, channels: int
     least = np.sqrt(db_to_power(LEAST_SNR_DB) * noise_power / channels)
     places = local_maxima(magnitude)
     level = magnitude[places[:, 0], places[:, 1]]
-    within = level >= db_to_power(-ROW_SPAN_DB / 2.0) * magnitude.max(axis=1, initial=0.0)[places[:, 0]]
+    within = level >= db_to_amplitude(-ROW_SPAN_DB) * magnitude.max(axis=1, initial=0.0)[places[:, 0]]
     return places[(level > least) & within]
 
 
@@ -130,7 +130,7 @@ def score_cells(
     found = local_maxima(ranking)
     rows, bins = found.T
     rank = ranking[rows, bins]
-    ceiling = db_to_power(FALSE_ALARM_DB / 2.0) * maximum_filter(true, _AROUND, mode="constant")
+    ceiling = db_to_amplitude(FALSE_ALARM_DB) * maximum_filter(true, _AROUND, mode="constant")
     alarm = (reading[rows, bins] > ceiling[rows, bins]) & (rows * range_step > LEAST_RANGE_M)
     order = np.lexsort((~alarm, -rank))
     found, rank, alarm = found[order], rank[order], alarm[order]

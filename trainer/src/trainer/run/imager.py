@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from shared.physics.errors import InputError
-from shared.physics.units import db_to_power
+from shared.physics.units import db_to_amplitude
 from shared.radar import Radar
 from shared.signal.adaptive import AdaptiveTables, adaptive_tables
 from shared.signal.features import (
@@ -128,7 +128,7 @@ def encode(
     :param row_scale: [B, R] RMS that the features took out [sqrt(W)], for the "row" target
     """
     if config.target == "class":
-        return (image > float(db_to_power(-config.threshold_db / 2.0))).to(image.dtype)
+        return (image > float(db_to_amplitude(-config.threshold_db))).to(image.dtype)
     if config.target == "paper":
         lowest = image.amin(dim=(-2, -1), keepdim=True)
         span = image.amax(dim=(-2, -1), keepdim=True) - lowest

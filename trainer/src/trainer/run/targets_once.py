@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shared.physics.units import amplitude_to_db, db_to_power
+from shared.physics.units import amplitude_to_db, db_to_amplitude, db_to_power
 from shared.signal.windows import hann_envelope_db
 from trainer.estimators.array import LineArray, uniform_axis
 from trainer.estimators.fitting import SEARCH_POINTS
@@ -197,7 +197,7 @@ class Lines:
             bins, cells = self._apart(index, others)
             window = hann_envelope_db(np.maximum(bins - 0.5, 0.0)) + hann_envelope_db(np.maximum(cells - 0.5, 0.0))
             there = (bins >= SAME_BINS) | (cells > 0.5)
-            explained = np.sqrt(db_to_power(self.level_db[others] + window + LOBE_MARGIN_DB)) + noise
+            explained = db_to_amplitude(self.level_db[others] + window + LOBE_MARGIN_DB) + noise
             kept[index] = not (there & (self.level_db[index] < amplitude_to_db(explained))).any()
         return order[kept[order]]
 

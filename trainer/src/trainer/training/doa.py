@@ -11,6 +11,7 @@ from lightning.pytorch import LightningDataModule
 from torch.nn import functional
 from torch.utils.data import DataLoader, Dataset, Subset
 
+from shared.physics.units import db_to_amplitude
 from shared.radar import Radar
 from shared.signal.signal import manifold
 from trainer.run.configuration import FitConfig
@@ -45,7 +46,7 @@ class DoaSamples(Dataset[Batch]):
         place = np.argsort(generator.random((self.rows, grid.bins)), axis=1)[:, :MOST_TARGETS]
         present = np.arange(MOST_TARGETS) < generator.integers(1, MOST_TARGETS + 1, self.rows)[:, None]
         level_db = generator.uniform(0.0, AMPLITUDE_SPAN_DB, shape)
-        amplitude = 10.0 ** (level_db / 20.0) * np.exp(2j * np.pi * generator.random(shape)) * present
+        amplitude = db_to_amplitude(level_db) * np.exp(2j * np.pi * generator.random(shape)) * present
         snapshot = np.einsum("rk,crk->rc", amplitude, echoes[:, place])
         weakest_db = np.where(present, level_db, np.inf).min(axis=1)
         noise_power = 10.0 ** ((weakest_db - generator.uniform(*SIGNAL_TO_NOISE_DB, self.rows)) / 10.0)

@@ -37,7 +37,7 @@ import numpy as np
 import torch
 from jaxtyping import Complex128, Float, Float64, Int
 
-from shared.physics.units import db_to_power
+from shared.physics.units import db_to_amplitude, db_to_power
 from shared.radar import Radar
 from shared.signal.signal import manifold
 from shared.signal.windows import hann_noise_share, hann_spectrum, power_in_cell
@@ -151,7 +151,7 @@ class BoardErrors:
         moved_m = np.sqrt(2.0) * of_channels(deviation(drawn.position_m))
         delay_s = (deviation(drawn.delay_s) * generator.standard_normal(len(array.rx_m)))[array.channel_rx]
         dead = (generator.random(len(array.rx_m)) < drawn.dead)[array.channel_rx]
-        factors = np.where(dead, 0.0, 10.0 ** (gain_db / 20.0) * np.exp(1j * phase))
+        factors = np.where(dead, 0.0, db_to_amplitude(gain_db) * np.exp(1j * phase))
         first, second = self._moves
         matrix = np.eye(array.channels) + moved_m[:, None] * first + moved_m[:, None] ** 2 * second
         if drawn.coupling_db is not None:
@@ -159,7 +159,7 @@ class BoardErrors:
             matrix = matrix @ np.kron(rx, tx)  # channels are rx-major
         leakage = np.zeros(array.channels, dtype=np.complex128)
         if drawn.leakage_db is not None:
-            level = 10.0 ** (generator.uniform(*drawn.leakage_db) / 20.0)
+            level = db_to_amplitude(generator.uniform(*drawn.leakage_db))
             leakage = np.where(dead, 0.0, level * np.exp(2j * np.pi * generator.random(array.channels)))
         return Board(
             matrix=factors[:, None] * matrix,
@@ -201,7 +201,7 @@ class BoardErrors:
         seen = seen + noise_power.sqrt().float() / unit * moved(hann_spectrum(row)[:, None] * board.leakage)
         seen = seen + self._sidebands(row, generator, device) @ seen
         if self._quantisation:
-            strongest = seen.abs().square().sum(0).max().sqrt() * 10.0 ** (self.imperfections.headroom_db / 20.0)
+            strongest = seen.abs().square().sum(0).max().sqrt() * float(db_to_amplitude(self.imperfections.headroom_db))
             white = torch.randn(seen.shape, dtype=kind, device=device, generator=generator)
             seen = seen + strongest * float(np.sqrt(self._quantisation)) * white
         return seen * unit
@@ -227,6 +227,6 @@ def _coupled(
     elements: int, level_db: tuple[float, float], generator: np.random.Generator
 ) -> Complex128[np.ndarray, "{elements} {elements}"]:
     """Coupling of a line of elements to its nearest neighbours, of one level and phase for all."""
-    coefficient = 10.0 ** (generator.uniform(*level_db) / 20.0) * np.exp(2j * np.pi * generator.random())
+    coefficient = db_to_amplitude(generator.uniform(*level_db)) * np.exp(2j * np.pi * generator.random())
     beside = np.eye(elements, k=1) + np.eye(elements, k=-1)
     return np.eye(elements) + coefficient * beside

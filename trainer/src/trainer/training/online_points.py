@@ -23,7 +23,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from shared.physics.units import db_to_power
+from shared.physics.units import db_to_amplitude, db_to_power
 from shared.radar import Radar
 from shared.signal.imaging import sensor_weights
 from shared.signal.tdm import turns
@@ -118,7 +118,7 @@ def _points(generator: np.random.Generator, row: float, cell: float, level_db: f
         rows += generator.normal(0.0, RANGE_SPREAD_BINS, count)
     span = NEAR_SPAN_DB if generator.random() < NEAR_EQUAL else SPAN_DB
     below_db = generator.uniform(0.0, span, count)
-    amplitude = 10.0 ** ((level_db - below_db + below_db.min()) / 20.0)
+    amplitude = db_to_amplitude(level_db - below_db + below_db.min())
     amplitude = amplitude * np.exp(2j * np.pi * generator.random(count))
     return rows, np.clip(u, -1.0, 1.0), amplitude, np.ones(count, dtype=bool)
 
@@ -127,7 +127,7 @@ def _surface(generator: np.random.Generator, row: float, centre: float, width: f
     u = centre + width * generator.uniform(-0.5, 0.5, SCATTERERS)
     parts = generator.standard_normal((SCATTERERS, 2)) @ np.array([1.0, 1.0j]) * np.sqrt(0.5 / SCATTERERS)
     rows = row + generator.normal(0.0, RANGE_SPREAD_BINS, SCATTERERS)
-    return rows, np.clip(u, -1.0, 1.0), 10.0 ** (level_db / 20.0) * parts, np.zeros(SCATTERERS, dtype=bool)
+    return rows, np.clip(u, -1.0, 1.0), db_to_amplitude(level_db) * parts, np.zeros(SCATTERERS, dtype=bool)
 
 
 def _log_uniform(generator: np.random.Generator, bounds: tuple[float, float]) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from shared.physics.units import db_to_amplitude
 from shared.radar.arrays import AntennaArray
 from trainer.data.arrays import ArrayChoice
 from trainer.data.simulation import TrialCondition, Trials, no_room, resolution_cell, simulate, trial_rows
@@ -82,7 +83,7 @@ def channel_factors(
     factors = np.ones(array.channels, dtype=np.complex128)
     errors = generator.standard_normal(array.channels)
     if impairment.kind == "gain error":
-        return factors * 10.0 ** (impairment.size * errors / 20.0)
+        return factors * db_to_amplitude(impairment.size * errors)
     if impairment.kind == "phase error":
         return factors * np.exp(1j * np.deg2rad(impairment.size) * errors)
     if impairment.kind == "dead RX":
