@@ -107,15 +107,14 @@ class Verdict:
         for key, name in NAMES.items():
             if key not in self.nmse and key not in self.average_precision:
                 continue
-            cells = [
-                cell
-                for scores, over in ((self.nmse, self.nmse_over), (self.average_precision, self.average_precision_over))
-                for cell in (
-                    f"{scores[key]:.3f}" if key in scores else "-",
-                    self._told(over[key]) if key in over else "",
-                )
-            ]
-            lines.append(f"  {name:<24} {cells[0]:>6} {cells[1]:>25} {cells[2]:>18} {cells[3]:>25}".rstrip())
+            line = f"  {name:<24}"
+            for scores, over, width in (
+                (self.nmse, self.nmse_over, 6), (self.average_precision, self.average_precision_over, 18),
+            ):  # fmt: skip
+                score = f"{scores[key]:.3f}" if key in scores else "-"
+                less = self._told(over[key]) if key in over else ""
+                line += f" {score:>{width}} {less:>25}"
+            lines.append(line.rstrip())
         return "\n".join(lines)
 
     def sentence(self) -> str:

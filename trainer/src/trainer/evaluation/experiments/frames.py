@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass
-from functools import lru_cache, partial
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -18,7 +18,7 @@ from shared.dataset.reading import read_frame
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
 from trainer.data.measurements import known_world
-from trainer.evaluation.experiments.bench import KEPT, Bench, Experiment, FrameRef, Results
+from trainer.evaluation.experiments.bench import Bench, Experiment, FrameRef, Results
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.page import scene_levels
 from trainer.evaluation.report.tables import Condition
@@ -114,9 +114,8 @@ class OfFrames(FrameByFrame):
         return f"images have {shape[0]} x {shape[1]} bins, SSIM's window {SSIM_WINDOW} x {SSIM_WINDOW}"
 
 
-@lru_cache(maxsize=KEPT)
 def load_frame(ref: FrameRef) -> Frame:
-    """The frame, kept while its contenders take turns."""
+    """The frame, read anew: :meth:`Experiment.tasks` keep it while its contenders take turns."""
     return read_frame(ref.path, ref.row, COLUMNS)
 
 

@@ -12,7 +12,7 @@ from shared.dataset import Frame
 from shared.physics.errors import figure_text
 from trainer.evaluation.experiments.bench import Bench, FrameRef, Results
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.detection import SSIM, count_frames
+from trainer.evaluation.experiments.detection import IMAGE_METRICS, SSIM, count_frames, count_ranking
 from trainer.evaluation.experiments.frames import FrameByFrame, FrameScores, OfFrames, grouped
 from trainer.evaluation.report.figures import Look, counted, draw_bar, legend_below, panels
 from trainer.evaluation.report.tables import AVERAGE_PRECISION, Condition, Numbers
@@ -141,11 +141,12 @@ class Tradeoff(OfFrames):
             found.known(contender.key, PARAMETERS, {}, float(contender.parameters))
 
     def figures(self, bench: Bench, results: Results, found: Numbers) -> dict[str, Figure]:
-        look = Look(one.key for one in bench.contenders)
+        scores, look = self.scores(bench, results), Look(one.key for one in bench.contenders)
         figure, (axes,) = panels(1, len(SHOWN), (10.0, 4.8), self.title)
         for contender in bench.contenders:
             quality = Numbers(self.name, bench.config.seed)
-            count_frames(self.scores(bench, results), contender.key, {}, quality)
+            count_ranking(scores, contender.key, {}, quality)
+            quality.mean(contender.key, SSIM, {}, scores.gathered(contender.key, IMAGE_METRICS[SSIM]))
             for axis, metric in zip(axes, SHOWN, strict=True):
                 row = quality.row(contender.key, metric, {})
                 seconds = bench.seconds[contender.key]
