@@ -140,11 +140,6 @@ class Trials:
     phase_rad: NDArray[np.float64]
 
 
-def resolution_cell(radar: Radar) -> float:
-    """lambda / (span + spacing) of the full array in u, the RL of the tables."""
-    return line_array(radar).resolution_cell
-
-
 def trial_rows(radar: Radar) -> NDArray[np.intp]:
     """Range bins of the trials."""
     first = min(round(NEAREST_M / radar.waveform.range_step_m), radar.waveform.range_bins // 2)
@@ -157,7 +152,7 @@ def no_room(radar: Radar, separation_cells: float) -> str | None:
         return f"{radar.waveform.range_bins} range bins hold no trial; {SPACING_BINS} do"
     if radar.grid.bins < LEAST_BINS:
         return f"{radar.grid.bins} angle bins hold no two targets; {LEAST_BINS} do"
-    gap, half = separation_cells * resolution_cell(radar), min(radar.grid.u_stop, -radar.grid.u_start)
+    gap, half = separation_cells * line_array(radar).resolution_cell, min(radar.grid.u_stop, -radar.grid.u_start)
     return None if half > gap else f"pairs {gap:.2g} apart in u leave an image from u = {-half:.2g} to {half:.2g}"
 
 
@@ -176,7 +171,7 @@ def simulate(
     rows, grid = trial_rows(radar), radar.grid
     count = -(-trials // len(rows)) * len(rows)
     targets = 1 if condition.separation_cells == 0 else 2
-    gap = condition.separation_cells * resolution_cell(radar)
+    gap = condition.separation_cells * line_array(radar).resolution_cell
     reach = min(SPREAD_U, min(grid.u_stop, -grid.u_start) - gap)
     centre = generator.uniform(-reach, reach, count)
     phase = generator.uniform(-np.pi, np.pi, (count, 2))  # at the origin of the radar

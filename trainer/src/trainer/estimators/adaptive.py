@@ -61,7 +61,6 @@ class IterativeAdaptive:
     half a cell merge.
     """
 
-    name = "iaa"
     iterations = IAA_ITERATIONS
     """After the first, which is delay-and-sum."""
 
@@ -98,7 +97,6 @@ class SparseCovariance:
 
     def __init__(self, reweighted: bool = False) -> None:
         self.reweighted = reweighted
-        self.name = "likes" if reweighted else "spice"
         self.iterations = LIKES_ITERATIONS if reweighted else SPICE_ITERATIONS
 
     def image(
@@ -149,7 +147,6 @@ class VirtualView:
     def __init__(self, sharp: bool = False, told: bool = False) -> None:
         self.iterations, self.sharpening = SHARP_ITERATIONS if sharp else (VIEW_ITERATIONS, 0)
         self.told = told
-        self.name = ("likes-view" if sharp else "iaa-view") + ("-ego" if told else "")
 
     def image(
         self,

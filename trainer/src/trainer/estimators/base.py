@@ -20,8 +20,6 @@ __all__ = ["ESTIMATORS", "UNIFORM_ESTIMATORS", "Estimator", "LineArray", "NoiseP
 class Estimator(Protocol):
     """An angular spectrum from one snapshot for each range bin."""
 
-    name: str
-
     def image(
         self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: NoisePower
     ) -> NDArray[np.float64]:

@@ -28,7 +28,6 @@ class DelayAndSum:
 
     def __init__(self, window: Literal["none", "hamming", "hann"] = "none") -> None:
         self.window = window
-        self.name = "das" if window == "none" else f"das-{window}"
 
     def image(
         self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: NoisePower
@@ -67,7 +66,6 @@ class Music:
 
     def __init__(self, smoothing: Literal["none", "forward-backward"] = "none", targets: int | None = None) -> None:
         self.smoothing, self.targets = smoothing, targets
-        self.name = "music" if smoothing == "none" else "music-fbss"
 
     def image(
         self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: NoisePower

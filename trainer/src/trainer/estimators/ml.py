@@ -66,8 +66,6 @@ class MaximumLikelihood:
     :param targets: K, in every range bin, 1 or more
     """
 
-    name = "ml"
-
     def __init__(self, targets: int = 2) -> None:
         self.targets = targets
 

@@ -55,7 +55,6 @@ class OrthogonalMatchingPursuit:
 
     def __init__(self, stop: Literal["noise", "cfar"] = "noise") -> None:
         self.stop = stop
-        self.name = "omp" if stop == "noise" else "omp-cfar"
 
     def image(
         self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: NoisePower

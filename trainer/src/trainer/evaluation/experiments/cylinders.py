@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from shared.radar import Radar
 from shared.signal import target_amplitudes
 from shared.signal.windows import cell_noise_power
-from trainer.data.simulation import close_up, in_plane, out_of_sight, resolution_cell, snapshot, truth_image
+from trainer.data.simulation import close_up, in_plane, out_of_sight, snapshot, truth_image
+from trainer.estimators.array import line_array
 from trainer.evaluation.experiments.bench import Bench, Experiment, Results
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.figures import image_panels
@@ -165,7 +166,7 @@ class Reflectors(Cylinders):
         return [{"realisation": index} for index in range(min(bench.config.trials, MOST_REALISATIONS))]
 
     def places(self, radar: Radar, place: int) -> NDArray[np.float64]:
-        return CENTRE_U + resolution_cell(radar) * np.array([-0.5, 0.5])
+        return CENTRE_U + line_array(radar).resolution_cell * np.array([-0.5, 0.5])
 
     def judged(self, radar: Radar, true: NDArray[np.float64], cut: NDArray[np.float64]) -> Values:
         return {PROBABILITY_OF_RESOLUTION: resolved(strongest_peaks(cut[None], radar.grid.u, 2), true[None])}

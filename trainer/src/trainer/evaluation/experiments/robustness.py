@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from shared.physics.units import db_to_amplitude
 from shared.radar.arrays import AntennaArray
 from trainer.data.arrays import ArrayChoice
-from trainer.data.simulation import TrialCondition, Trials, no_room, resolution_cell, simulate, trial_rows
+from trainer.data.simulation import TrialCondition, Trials, no_room, simulate, trial_rows
+from trainer.estimators.array import line_array
 from trainer.evaluation.experiments.bench import Bench, Experiment, Results
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.figures import Look, legend_below, panels
@@ -130,7 +131,7 @@ class Robustness(Experiment):
     def score(self, bench: Bench, contender: Contender, place: int, scene: list[Trials]) -> Values:
         """[trials] of each of :data:`METRICS`."""
         radar, both, extra = bench.radar, [], []
-        reach = 0.5 * SEPARATION_CELLS * resolution_cell(radar)
+        reach = 0.5 * SEPARATION_CELLS * line_array(radar).resolution_cell
         for image, trials in enumerate(scene):
             generator, rows = np.random.default_rng([bench.config.seed, 32, image]), trials.rows
             drawn = [channel_factors(impairments()[place], radar.array, contender.array, generator) for _ in rows]
