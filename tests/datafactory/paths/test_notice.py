@@ -40,7 +40,7 @@ from datafactory.scenes.scene import Scene, SceneObject
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
-from shared.signal.windows import angle_window, cell_noise_power, point_spread
+from shared.signal.windows import angle_window, cell_noise_power, width_and_sidelobe
 
 RADAR = Radar()
 NOTICE = Notice(RADAR, -30.0)
@@ -137,7 +137,7 @@ def test_sums_in_cells_are_those_of_a_slow_search(generator: np.random.Generator
 
     elements, wavelength = RADAR.virtual_sensor.channels, RADAR.waveform.wavelength_m
     spacing = float(np.ptp(RADAR.virtual_sensor.rx[:, 1])) / (elements - 1) / wavelength
-    width, _ = point_spread(angle_window("taylor-30", elements), spacing)
+    width, _ = width_and_sidelobe(angle_window("taylor-30", elements), spacing)
     front_end, cells = RADAR.front_end, dict[tuple[int, int], list[tuple[float, int]]]()
     for n in range(count):
         where = candidates.arrival[n].astype(float)

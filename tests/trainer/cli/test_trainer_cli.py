@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from trainer.cli import app as cli
 from trainer.cli.app import app
-from trainer.errors import TrainingStopped
+from trainer.errors import Stopped
 from trainer.run.folder import read_run
 
 SIZE = ["--width", "4", "--rows", "16", "--steps", "4", "--validate-every", "4", "--array", "full"]
@@ -22,7 +22,7 @@ SIZE = ["--width", "4", "--rows", "16", "--steps", "4", "--validate-every", "4",
 @pytest.mark.parametrize(
     ("error", "code", "line"),
     [
-        (TrainingStopped("loss is not finite"), 1, "trainer: loss is not finite\n"),
+        (Stopped("loss is not finite"), 1, "trainer: loss is not finite\n"),
         (OSError(28, "No space left on device", "run/last"), 1, "trainer: run/last: No space left on device\n"),
         (KeyboardInterrupt(), 130, "trainer: interrupted; the same command with --resume goes on"),
     ],

@@ -16,7 +16,7 @@ from tiny_radar import RADAR, frame, write_dataset
 from troubled_experiment import Troubled
 
 from shared.physics.errors import InputError
-from trainer.errors import TrainingStopped
+from trainer.errors import Stopped
 from trainer.evaluation.evaluate import open_bench
 from trainer.evaluation.experiments.bench import Bench
 from trainer.evaluation.options import EvaluationConfig
@@ -99,7 +99,7 @@ def test_a_worker_that_dies_is_replaced_and_its_cell_computed(bench: Bench, tmp_
 @pytest.mark.slow
 def test_a_cell_that_three_workers_die_of_is_one_line_here(bench: Bench, tmp_path: Path) -> None:
     line = r"^report-die-hang die place=1: three worker processes died of it, its process ended by SIGKILL.*--resume"
-    with pytest.raises(TrainingStopped, match=line), Workers(bench, 2, tmp_path / "workers") as pool:
+    with pytest.raises(Stopped, match=line), Workers(bench, 2, tmp_path / "workers") as pool:
         list(results(pool, "report", "die", "hang"))
     assert not multiprocessing.active_children()
 

@@ -10,8 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from paper_arrays import ARRAYS, RADAR, U, deterministic_bound, echoes, half_wavelength_line, noise
 
-from shared.signal.windows import angle_window
-from shared.signal.windows import point_spread as window_point_spread
+from shared.signal.windows import angle_window, width_and_sidelobe
 from trainer.estimators.base import ESTIMATORS, LineArray
 from trainer.metrics.peaks import (
     false_alarms,
@@ -102,7 +101,7 @@ def test_point_spread_of_a_window() -> None:
     row = np.abs(line.manifold(u).T @ weights) / 256
     spread = point_spread(row, u)
     assert spread is not None
-    width, sidelobe_db = window_point_spread(weights, 0.5)
+    width, sidelobe_db = width_and_sidelobe(weights, 0.5)
     assert spread.width == pytest.approx(width, rel=0.01)
     assert spread.pslr_db == pytest.approx(sidelobe_db, abs=0.3)
 

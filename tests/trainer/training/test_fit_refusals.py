@@ -11,7 +11,7 @@ from tiny_radar import RADAR, TINY, frame, small_dataset, write_dataset
 
 from shared.physics.errors import InputError
 from trainer import fit
-from trainer.errors import TrainingStopped
+from trainer.errors import Stopped
 from trainer.run.folder import WEIGHTS, load_imager, save_weights
 
 
@@ -26,7 +26,7 @@ def test_an_infinite_input_stops_with_its_frame_and_keeps_the_weights(dataset, t
             return item
 
     monkeypatch.setattr(datamodule, "ShardDataset", Damaged)
-    with pytest.raises(TrainingStopped, match=r"loss is not finite for frame \[5\] at batch \d; the weights are"):
+    with pytest.raises(Stopped, match=r"loss is not finite for frame \[5\] at batch \d; the weights are"):
         run(dataset, tmp_path / "run", TINY.model_copy(update={"steps": 8, "validate_every": 1}))
     if (tmp_path / "run" / WEIGHTS).is_file():
         assert all(torch.isfinite(tensor).all() for tensor in load_file(tmp_path / "run" / WEIGHTS).values())

@@ -15,7 +15,7 @@ from trainer.metrics.cells import truth_cells
 from trainer.run.configuration import FitConfig
 from trainer.run.imager import Imager, decode, encode
 from trainer.training.augmentation import AngularAugmentation, Draw, draw
-from trainer.training.losses import SIGMA_BINS, SIGMA_ROWS, frame_losses, scene_spots, spots
+from trainer.training.losses import SIGMA_BINS, SIGMA_ROWS, frame_losses, scene_spots, spot_image
 from trainer.training.task import ImagingTask
 
 UNTOLD = np.ones(1)
@@ -200,7 +200,7 @@ ROWS, BINS = 12, 20
 
 def test_a_spot_is_its_equation_written_out():
     row, place = np.array([4.3, 9.0]), np.array([11.7, 3.0])
-    image = spots(ROWS, BINS, row, place)
+    image = spot_image(ROWS, BINS, row, place)
     assert image.dtype == np.float32
     for r in range(ROWS):
         for b in range(BINS):
@@ -212,18 +212,20 @@ def test_a_spot_is_its_equation_written_out():
 
 def test_targets_three_bins_apart_are_two_maxima_and_two_at_one_place_are_one_spot():
     row = np.array([5.0, 5.0])
-    line = spots(ROWS, BINS, row, np.array([8.0, 11.0]))[5]
+    line = spot_image(ROWS, BINS, row, np.array([8.0, 11.0]))[5]
     assert line[8] == line[11] == 1.0
     assert line[9:11].max() < 0.5
-    np.testing.assert_array_equal(spots(ROWS, BINS, row, np.array([8.0, 8.0])), spots(ROWS, BINS, row[:1], row[:1] + 3))
+    np.testing.assert_array_equal(
+        spot_image(ROWS, BINS, row, np.array([8.0, 8.0])), spot_image(ROWS, BINS, row[:1], row[:1] + 3)
+    )
 
 
 def test_a_target_at_the_edge_or_outside_leaves_the_rest_of_its_spot():
-    image = spots(ROWS, BINS, np.array([-0.4, 3.0, 50.0]), np.array([0.0, BINS + 0.4, 3.0]))
+    image = spot_image(ROWS, BINS, np.array([-0.4, 3.0, 50.0]), np.array([0.0, BINS + 0.4, 3.0]))
     assert image[0, 0] > 0.5
     assert 0.1 < image[3, BINS - 1] < 0.5
     assert not image[5:].any()
-    assert not spots(ROWS, BINS, np.empty(0), np.empty(0)).any()
+    assert not spot_image(ROWS, BINS, np.empty(0), np.empty(0)).any()
 
 
 def test_the_spots_of_a_scene_stand_on_the_cells_of_its_truth():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-class TrainingStopped(RuntimeError):
+class Stopped(RuntimeError):
     """What cannot go on, in one line: a loss that is not finite with its frames, an export that is not the network."""
 
 

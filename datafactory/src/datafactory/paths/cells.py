@@ -25,7 +25,7 @@ from shared.physics.compiled import compiled, inlined
 from shared.physics.units import db_to_power
 from shared.physics.vectors import Index, Mask, Real, lengths
 from shared.radar import Radar
-from shared.signal.windows import angle_window, point_spread
+from shared.signal.windows import angle_window, width_and_sidelobe
 
 FEW_PATHS = 5
 """Below five the amplitude of the sum is visibly not Rayleigh distributed."""
@@ -114,7 +114,7 @@ def cell_numbers(range_m: Real, arrival: Real, radar: Radar, truth_window: str) 
     width = 2.0  # of a sensor that tells no angle
     if aperture > 0.0:
         spacing = aperture / (elements - 1) / wavelength
-        width = min(point_spread(angle_window(truth_window, elements), spacing)[0], width)
+        width = min(width_and_sidelobe(angle_window(truth_window, elements), spacing)[0], width)
     columns = int(np.ceil(2.0 / width))
     u = arrival[:, 1] / np.maximum(lengths(arrival), 1e-9)
     row = np.rint(range_m / radar.waveform.range_step_m).astype(np.int64)

@@ -34,7 +34,7 @@ from shared.processes.telling import Announce, silent
 from shared.radar import Radar, validated
 from shared.radar.waveform import Waveform
 from shared.signal.tdm import statement
-from shared.signal.windows import angle_window, point_spread
+from shared.signal.windows import angle_window, width_and_sidelobe
 
 
 class _Radar(BaseModel):
@@ -245,7 +245,7 @@ def _conventions(radar: Radar, window: str) -> dict[str, Any]:
     spacing = abs(float(y[1] - y[0])) if len(y) > 1 else 0.0
     width = sidelobe = None  # of what is no line of elements
     if spacing > 0.0:
-        width, sidelobe = point_spread(angle_window(window, elements), spacing / wavelength)
+        width, sidelobe = width_and_sidelobe(angle_window(window, elements), spacing / wavelength)
     return {
         "conventions": {
             "frame": "x forward, y left, z up, origin at the centroid of the full array's RX; u = y / range",

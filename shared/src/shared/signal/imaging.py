@@ -97,7 +97,7 @@ def _product(signal: NDArray[np.complex64], matrix: NDArray[np.float32]) -> NDAr
     return (lines @ matrix.reshape(-1, columns)).reshape(groups, 2, frames, columns)
 
 
-def _zero_crossing(array: AntennaArray, grid: ImageGrid) -> int | None:
+def _mirror_column(array: AntennaArray, grid: ImageGrid) -> int | None:
     """J such that column J - j of the grid's axis is -u_j, if channel C - 1 - c is the mirror image of channel c.
 
     The mirror is the x-z plane. None where array or grid have no such symmetry, or the middle channel is its own image.
@@ -135,7 +135,7 @@ def near_field_images(
         )
     moments = np.ascontiguousarray(moments, dtype=np.complex64)
     images = np.empty((batch, rows, radar.grid.bins), dtype=np.complex64)
-    crossing = _zero_crossing(array, radar.grid)
+    crossing = _mirror_column(array, radar.grid)
     with threadpool_limits(limits=1, user_api="blas"):
         if crossing is None:
             _whole_images(moments, radar, array, images)

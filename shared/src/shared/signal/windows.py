@@ -120,7 +120,7 @@ def _taylor(length: int, sidelobe_db: float) -> Float64[np.ndarray, " {length}"]
     return 1.0 + 2.0 * coefficients @ np.cos(2.0 * np.pi * order[:, None] * centred / length)
 
 
-def point_spread(weights: Float[np.ndarray, " elements"], spacing_wavelengths: float) -> tuple[float, float]:
+def width_and_sidelobe(weights: Float[np.ndarray, " elements"], spacing_wavelengths: float) -> tuple[float, float]:
     """-3 dB width in u and peak sidelobe level [dB] of a uniform line array with these weights, broadside, one way."""
     oversampling = 64
     length = oversampling * 2 ** int(np.ceil(np.log2(len(weights))))

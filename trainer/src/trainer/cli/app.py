@@ -16,7 +16,7 @@ from shared.physics.errors import InputError
 from shared.processes.telling import AnnouncingOptions
 from trainer.captures.options import CalibrateOptions, ImportOptions
 from trainer.defaults import TENSORBOARD
-from trainer.errors import TrainingStopped, out_of_memory
+from trainer.errors import Stopped, out_of_memory
 from trainer.evaluation.options import EvaluateOptions
 from trainer.run.options import ExportOptions, PredictRequest
 from trainer.training.options import FitRequest
@@ -149,7 +149,7 @@ def main() -> None:
 
 
 def _ending_of(error: Exception) -> Ending | None:
-    if isinstance(error, TrainingStopped):
+    if isinstance(error, Stopped):
         return str(error), 1
     if isinstance(error, (MemoryError, RuntimeError)) and out_of_memory(error):
         reason = (str(error).strip().splitlines() or ["out of memory"])[0]

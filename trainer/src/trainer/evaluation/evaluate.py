@@ -74,7 +74,7 @@ def evaluate(asked: EvaluateOptions) -> pa.Table:
 
     :returns: the metrics table
     :raises InputError: bad data, runs, names, or an experiment asked for that does not apply
-    :raises TrainingStopped: three worker processes died of a cell
+    :raises Stopped: three worker processes died of a cell
     """
     config = common(EvaluationConfig, asked)
     row = None

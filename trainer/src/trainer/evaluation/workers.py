@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from shared.processes.machine import may_start_processes, usable_cores
 from shared.processes.pool import WorkerPool
-from trainer.errors import TrainingStopped
+from trainer.errors import Stopped
 from trainer.evaluation.experiments.bench import Bench, Experiment, Task
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.store import Values
@@ -77,7 +77,7 @@ class Workers(ExitStack):
 
         :param tasks: of the experiment, in its order
         :raises InputError: of a task
-        :raises TrainingStopped: three processes died of a task
+        :raises Stopped: three processes died of a task
         """
         ours = {place for place in places if self.count == 1 or tasks[place].device != "cpu"}
         here = deque(place for place in places if place in ours)
@@ -97,7 +97,7 @@ class Workers(ExitStack):
                 if asked_by is not experiment:
                     continue  # of a caller that went away
                 if finished.result is None:
-                    raise TrainingStopped(_failure_line(experiment, tasks[place], finished.failure))
+                    raise Stopped(_failure_line(experiment, tasks[place], finished.failure))
                 running.remove(place)
                 yield place, finished.result
 

@@ -203,7 +203,7 @@ class FitConfig(Described):
         return given
 
     @model_validator(mode="after")
-    def _scales_match(self) -> FitConfig:
+    def _parts_match(self) -> FitConfig:
         of_doa = [self.model == "doa-cnn", self.features == "covariance", self.target == "doa"]
         if any(of_doa) and not all(of_doa):
             raise ValueError("model 'doa-cnn', features 'covariance' and target 'doa' belong together")

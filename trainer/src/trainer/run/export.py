@@ -17,7 +17,7 @@ import torch
 
 from shared.dataset.writing import require_new_file, write_bytes
 from shared.processes.declared import taking
-from trainer.errors import TrainingStopped
+from trainer.errors import Stopped
 from trainer.networks.real_unrolled import RealUnrolledNetwork
 from trainer.networks.unrolled import UnrolledNetwork
 from trainer.run.folder import load_imager
@@ -61,7 +61,7 @@ def export(asked: ExportOptions) -> Export:
     ``sparseradar``.
 
     :raises InputError: no whole run, an output that cannot be written
-    :raises TrainingStopped: onnxruntime disagrees with torch by more than :data:`TOLERANCE`; nothing is written
+    :raises Stopped: onnxruntime disagrees with torch by more than :data:`TOLERANCE`; nothing is written
     """
     out = asked.out
     run, imager = load_imager(run_or_pretrained(asked.run))
@@ -108,7 +108,7 @@ def export(asked: ExportOptions) -> Export:
     found = session.run(None, feed)[0]
     difference = float(np.abs(found - expected).max() / max(float(np.abs(expected).max()), 1e-30))
     if not difference <= TOLERANCE:
-        raise TrainingStopped(
+        raise Stopped(
             f"{out}: onnxruntime differs from torch by {difference:.2g} of the maximum, more than {TOLERANCE:g}; "
             "nothing written"
         )

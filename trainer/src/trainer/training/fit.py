@@ -20,7 +20,7 @@ from shared.dataset.writing import PARTIAL, remove_partial
 from shared.physics.errors import InputError
 from shared.processes.declared import taking
 from trainer.data.arrays import choose_array
-from trainer.errors import TrainingStopped, out_of_memory
+from trainer.errors import Stopped, out_of_memory
 from trainer.run.configuration import FitConfig, first_difference
 from trainer.run.folder import (
     CHECKPOINT,
@@ -80,7 +80,7 @@ def fit(request: FitRequest) -> Run:
 
     :returns: what was trained on what; :func:`trainer.load_imager` loads the network
     :raises InputError: bad data, a folder that holds another run, a start that is another network
-    :raises TrainingStopped: a loss that is not finite, a process that has ended
+    :raises Stopped: a loss that is not finite, a process that has ended
     :raises KeyboardInterrupt: Ctrl-C; what the last validation left is whole
     """
     announce = request.announce
@@ -122,7 +122,7 @@ def fit(request: FitRequest) -> Run:
             raise
         except Exception as error:
             if ended := ended_process(trainer):
-                raise KeyboardInterrupt if interrupts.asked else TrainingStopped(ended) from error
+                raise KeyboardInterrupt if interrupts.asked else Stopped(ended) from error
             if checkpoint is None or keeper.started or out_of_memory(error):
                 raise
             raise not_restored(checkpoint, error) from error

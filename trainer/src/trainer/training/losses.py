@@ -25,7 +25,7 @@ REACH_ROWS, REACH_BINS = 1, 3
 """Beyond them a spot is below 0.14 and 0.001."""
 
 
-def spots(rows: int, bins: int, row: NDArray[np.floating], place: NDArray[np.floating]) -> NDArray[np.float32]:
+def spot_image(rows: int, bins: int, row: NDArray[np.floating], place: NDArray[np.floating]) -> NDArray[np.float32]:
     """[rows, bins] the largest spot at each pixel, of targets at (range bin, angle bin) [n] each, whole or not."""
     image = np.zeros((rows, bins), dtype=np.float32)
     nearest_row, nearest_bin = np.rint(row).astype(np.intp), np.rint(place).astype(np.intp)
@@ -45,7 +45,7 @@ def scene_spots(
     made = []
     for truth, peak, noise in zip(image.cpu().numpy(), image_peak.tolist(), noise_power.tolist(), strict=True):
         row, place = truth_cells(truth * peak, noise, channels, radar.waveform.range_step_m).T.astype(np.float64)
-        made.append(spots(len(truth), radar.grid.bins, row, place))
+        made.append(spot_image(len(truth), radar.grid.bins, row, place))
     return torch.from_numpy(np.stack(made)).to(image.device)
 
 

@@ -30,7 +30,7 @@ from shared.signal.tdm import turns
 from shared.signal.windows import hann_spectrum
 from trainer.estimators.array import line_array
 from trainer.metrics.cells import visible_cells
-from trainer.training.losses import spots
+from trainer.training.losses import spot_image
 
 GROUPS_PER_ROW = (0.01, 0.3)
 """Density of a crop's groups, drawn between these with a uniform logarithm."""
@@ -242,5 +242,5 @@ class OnlinePoints:
                 of_extended = targets.in_extended(cells[:, 0], grid.u[cells[:, 1]])
                 row = np.concatenate([row, cells[of_extended, 0]])
                 place = np.concatenate([place, cells[of_extended, 1]])
-            made.append(spots(len(image), grid.bins, row, place))
+            made.append(spot_image(len(image), grid.bins, row, place))
         return torch.from_numpy(np.stack(made))

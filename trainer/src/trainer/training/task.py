@@ -17,7 +17,7 @@ from shared.signal.adaptive import scanned_angles
 from trainer.data.arrays import ArrayChoice
 from trainer.data.dataset import BatchOrder
 from trainer.data.measurements import known_world
-from trainer.errors import TrainingStopped
+from trainer.errors import Stopped
 from trainer.metrics.image import nmse_best_scaled
 from trainer.run.configuration import FitConfig
 from trainer.run.imager import decode, encode
@@ -226,7 +226,7 @@ class ImagingTask(LightningModule):
     ) -> torch.Tensor:
         """[B] what is minimised, and what the weights of a run are chosen by: of the answer and of its linear image.
 
-        :raises TrainingStopped: one is not finite
+        :raises Stopped: one is not finite
         """
         target = encode(self.config, batch["image"], batch["image_peak"], scale)
         losses = frame_losses(self.config, answer, target, known, spots)
@@ -264,7 +264,7 @@ class ImagingTask(LightningModule):
         finite = torch.isfinite(losses.detach())
         if not finite.all():
             frames = [frame if frame >= 0 else "online points" for frame in frame_id[~finite].tolist()]
-            raise TrainingStopped(
+            raise Stopped(
                 f"loss is not finite for frame {frames} at batch {self.batches_seen}; the weights are unchanged: look "
                 "at that frame, or lower the learning rate"
             )
