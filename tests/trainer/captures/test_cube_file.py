@@ -66,7 +66,9 @@ def test_noise_that_no_capture_states_is_thermal_or_measured_where_the_samples_a
     scale = 3.0 / np.sqrt(radar.sample_noise_power_w) if counts else 1.0
     np.savez(tmp_path / "own.npz", cube=(scale * cube).astype(np.complex64), radar=radar.model_dump_json())
     (measurement,) = open_measurements(tmp_path / "own.npz", None, "test")[1]
-    assert measurement.noise_power == pytest.approx(scale**2 * cell_noise_power(radar), rel=0.1 if counts else 1e-12)
+    assert measurement.noise_power == pytest.approx(
+        scale**2 * cell_noise_power(radar), rel=0.1 if counts else 1e-12, abs=0.0
+    )
     said = list[str]()
     predict(
         [tmp_path / "own.npz"], tmp_path / "out", method="das", points=True, false_alarms=0.01, announce=said.append

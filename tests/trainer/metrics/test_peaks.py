@@ -37,7 +37,7 @@ def test_the_reference_bound_is_that_of_doatools() -> None:
 def test_the_bound_of_one_source_is_the_general_one_and_that_of_a_filled_line() -> None:
     for array in ARRAYS.values():
         general = deterministic_bound(array, np.array([0.3]), np.array([[1.0 + 0.0j]]), 0.01)
-        assert general[0, 0] == pytest.approx(single_source_bound(array, 100.0))
+        assert general[0, 0] == pytest.approx(single_source_bound(array, 100.0), rel=1e-6, abs=0.0)
     # A filled line of length L has sum (p - mean p)^2 = C L^2 / 12, but for C^-2, and a cell lambda / L.
     full = ARRAYS["full"]
     expected = full.resolution_cell / (2.0 * np.pi) * np.sqrt(6.0 / (48 * 100.0))
