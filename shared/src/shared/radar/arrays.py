@@ -111,7 +111,8 @@ class AntennaArray(Told, Described):
     ) -> tuple[Float64[np.ndarray, "elements 3"], Int[np.ndarray, " channels"]]:
         """(the places [E, 3] of the virtual elements [m], by rising y, then z, then x; at which each channel [C] is).
 
-        Channels are at one place whose coordinates differ by at most :data:`COINCIDENT_WAVELENGTHS`, along every axis.
+        Channels are at one place whose coordinates differ by at most :data:`COINCIDENT_WAVELENGTHS`, along every axis,
+        directly or through others between them: a row of such channels is one place, however long.
         """
         coordinates = self.virtual[:, [1, 2, 0]]
         rising = np.argsort(coordinates, axis=0, kind="stable")

@@ -86,6 +86,7 @@ class FrontEnd(Described):
 
     @property
     def transmit_power_w(self) -> float:
+        """Power of one TX [W]."""
         return dbm_to_watt(self.transmit_power_dbm)
 
     def with_boresight_gain(self) -> FrontEnd:

@@ -54,6 +54,7 @@ class ImageGrid(Described):
 
     @property
     def step(self) -> float:
+        """From one bin to the next, in u."""
         return (self.u_stop - self.u_start) / self.bins
 
     @property

@@ -62,6 +62,7 @@ class Waveform(Described):
 
     @property
     def sample_rate_hz(self) -> float:
+        """Samples of a chirp over its duration [Hz]."""
         return self.samples / self.chirp_duration_s
 
     @property

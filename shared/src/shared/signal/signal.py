@@ -4,7 +4,8 @@
     tau_k(i_tx, i_rx) = (|x_tx - x_k| + |x_rx - x_k|) / c                                                      (2)
 
 Everything fast in this project is tested against this sum. The delay is frozen at the start of each chirp. The sum
-costs targets * channels * chirps * samples complex exponentials; it is a reference, not a way to make data.
+costs targets * channels * chirps * samples complex exponentials: it is a reference, and makes the experiments' few
+targets in one chirp, but no datasets.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Windows over range and Doppler, and what they do to noise."""
+"""Windows over range, Doppler and the elements of a line, their responses, and what they do to noise."""
 
 from __future__ import annotations
 

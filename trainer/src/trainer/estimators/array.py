@@ -64,6 +64,7 @@ class LineArray:
 
     @property
     def channels(self) -> int:
+        """Number of virtual elements."""
         return len(self.positions_m)
 
     @property
