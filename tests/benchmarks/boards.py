@@ -27,7 +27,8 @@ from shared.radar.waveform import Waveform
 from shared.signal.windows import cell_noise_power
 from trainer.data.measurements import Cells
 from trainer.data.simulation import amplitude_of, in_plane, snapshot
-from trainer.estimators.base import ESTIMATORS, line_array
+from trainer.estimators.array import line_array
+from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.fitting import MODEL_ERROR_DB
 from trainer.run.configuration import CALIBRATED
 from trainer.run.detections import Sought, find_detections

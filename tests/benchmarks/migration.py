@@ -23,7 +23,8 @@ from trainer.data.arrays import choose_array
 from trainer.data.cfar import cfar_cells
 from trainer.data.measurements import Cells
 from trainer.data.simulation import amplitude_of, in_plane
-from trainer.estimators.base import ESTIMATORS, line_array
+from trainer.estimators.array import line_array
+from trainer.estimators.base import ESTIMATORS
 from trainer.run.detections import Sought, find_detections
 
 LEVELS_DB, SPEEDS_MPS = (20.0, 30.0, 40.0), (0.0, 4.0, 8.0, 11.0, 14.0, 20.0)

@@ -25,7 +25,8 @@ from trainer.data.arrays import choose_array
 from trainer.data.cfar import cfar_cells
 from trainer.data.measurements import ALL, PEAKS, Cells
 from trainer.data.simulation import amplitude_of, in_plane
-from trainer.estimators.base import ESTIMATORS, line_array
+from trainer.estimators.array import line_array
+from trainer.estimators.base import ESTIMATORS
 from trainer.run.detections import FALSE_ALARMS, Sought, find_detections
 
 ARRAYS = ("sparse6", "sparse4", "full")

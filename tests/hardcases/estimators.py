@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from shared.radar import Radar
 from shared.radar.arrays import AVR_QDM_110_THINNED_RX
-from trainer.estimators.array import LineArray
-from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS, line_array
+from trainer.estimators.array import LineArray, line_array
+from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS
 
 U = np.linspace(-0.85, 0.85, 171)
 NOISE_W = 1e-4

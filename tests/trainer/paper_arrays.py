@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from shared.radar import Radar
 from trainer.data.arrays import choose_array
-from trainer.estimators.base import LineArray, line_array
+from trainer.estimators.array import LineArray, line_array
 
 RADAR = Radar()
 U = RADAR.grid.u

@@ -10,7 +10,7 @@ from shared.signal import if_signal
 from shared.signal.spectrum import range_doppler
 from shared.signal.windows import cell_noise_power
 from trainer.data.simulation import SPACING_BINS, TrialCondition, in_plane, simulate, snapshot, truth_image
-from trainer.estimators.base import line_array
+from trainer.estimators.array import line_array
 
 
 def test_one_chirp_stands_for_the_frame_of_resting_targets():

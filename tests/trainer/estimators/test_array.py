@@ -12,8 +12,7 @@ from shared.signal.adaptive import adaptive_forms, line_tables
 from shared.signal.imaging import delay_and_sum
 from trainer.data.arrays import choose_array
 from trainer.estimators import array as array_module
-from trainer.estimators.array import draw_lines, scan_axis, uniform_axis
-from trainer.estimators.base import LineArray, line_array
+from trainer.estimators.array import LineArray, draw_lines, line_array, scan_axis, uniform_axis
 from trainer.estimators.baselines import DelayAndSum
 
 

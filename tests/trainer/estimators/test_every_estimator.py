@@ -9,8 +9,8 @@ from paper_arrays import ARRAYS, IRREGULAR, RADAR, U, echoes, noise, some_rows
 
 from shared.physics.errors import InputError
 from trainer.estimators import array as array_module
-from trainer.estimators.array import check_snapshots
-from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS, LineArray, NoisePower
+from trainer.estimators.array import LineArray, NoisePower, check_snapshots
+from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS
 from trainer.estimators.ml import MaximumLikelihood
 
 AMPLITUDE_KEPT = {"spice": 0.6, "likes": 0.99, "iaa-view": 0.95, "likes-view": 0.95, "likes-view-ego": 0.95}

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from paper_arrays import ARRAYS, U, echoes, half_wavelength_line, noise, some_rows
 
-from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS, LineArray
+from trainer.estimators.array import LineArray
+from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS
 from trainer.estimators.baselines import aic_count, pseudo_spectrum
 from trainer.metrics.peaks import strongest_peaks
 

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from paper_arrays import ARRAYS, U, echoes, noise, some_rows
 
 from trainer.estimators.adaptive import FLOOR, IterativeAdaptive, SparseCovariance
-from trainer.estimators.array import scan_axis
-from trainer.estimators.base import ESTIMATORS, LineArray
+from trainer.estimators.array import LineArray, scan_axis
+from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.baselines import DelayAndSum
 
 

@@ -13,7 +13,8 @@ from shared.signal.windows import cell_noise_power, hann_correlation, hann_respo
 from trainer.captures.cube_file import CubeFile
 from trainer.data.measurements import of_cube
 from trainer.data.simulation import amplitude_of, in_plane
-from trainer.estimators.base import ESTIMATORS, line_array
+from trainer.estimators.array import line_array
+from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.fitting import FittedLines, RangePlace
 from trainer.estimators.velocities import lean, velocity_offsets
 from trainer.run.detections import Detections, Sought, find_detections

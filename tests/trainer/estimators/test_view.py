@@ -19,8 +19,7 @@ from trainer.estimators.adaptive import (
     VirtualView,
     over_period,
 )
-from trainer.estimators.array import scan_axis
-from trainer.estimators.base import LineArray
+from trainer.estimators.array import LineArray, scan_axis
 
 
 def line_response(u: float, towards: NDArray[np.floating]) -> NDArray[np.complex128]:

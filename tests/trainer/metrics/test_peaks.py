@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from paper_arrays import ARRAYS, RADAR, U, deterministic_bound, echoes, half_wavelength_line, noise
 
 from shared.signal.windows import angle_window, width_and_sidelobe
-from trainer.estimators.base import ESTIMATORS, LineArray
+from trainer.estimators.array import LineArray
+from trainer.estimators.base import ESTIMATORS
 from trainer.metrics.peaks import (
     false_alarms,
     noise_level,

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from paper_arrays import ARRAYS, RADAR, U, echoes, lines_image, noise
 from scipy.signal import find_peaks
 
-from trainer.estimators.base import ESTIMATORS, LineArray
+from trainer.estimators.array import LineArray
+from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.lines import refine_lines
 from trainer.metrics.residual import (
     REFINEMENTS,

@@ -7,7 +7,7 @@ import torch
 from shared.radar import load_radar
 from shared.signal.windows import cell_noise_power
 from trainer.data.simulation import TrialCondition, simulate
-from trainer.estimators.base import line_array
+from trainer.estimators.array import line_array
 from trainer.estimators.fitting import fit_lines, score_peaks
 from trainer.metrics.peaks import resolved
 from trainer.run.folder import load_imager

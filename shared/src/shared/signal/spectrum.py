@@ -8,10 +8,11 @@ import numpy as np
 import scipy.fft
 from jaxtyping import Complex, Float, Float32, Float64, Int, Int64
 
+from shared.physics.units import db_to_amplitude
 from shared.radar import Radar
 from shared.radar.waveform import Waveform
 from shared.signal.tdm import compensated, most_coherent, phasors, turns
-from shared.signal.windows import hann
+from shared.signal.windows import unit_hann
 
 RAYLEIGH_MEAN = 0.886
 """Mean magnitude of complex noise of unit power, sqrt(pi) / 2."""
@@ -56,10 +57,8 @@ def range_doppler(
     if cube.ndim != 3 or cube.shape[:2] != expected:
         raise ValueError(f"cube of shape {cube.shape}; expected [chirp, sample, channel] = {expected} + (channels,)")
     # Chirp by chirp, then range by range: what is worked on stays in the cache.
-    window = hann(waveform.samples)
-    weights = (window / window.sum()).astype(np.float32)[:, None]
-    slow = hann(waveform.chirps)
-    slow_weights = (slow / slow.sum()).astype(np.float32)
+    weights = unit_hann(waveform.samples).astype(np.float32)[:, None]
+    slow_weights = unit_hann(waveform.chirps).astype(np.float32)
     rows = waveform.range_bins
     spectrum = np.empty((rows, waveform.chirps, cube.shape[2]), dtype=np.result_type(cube, np.complex64))
     for chirp, (samples, weight) in enumerate(zip(cube, slow_weights, strict=True)):
@@ -88,7 +87,8 @@ def select_doppler(
     strongest = np.take_along_axis(magnitude, first[:, None], axis=1)
     threshold = (RAYLEIGH_MEAN + DETECTION_DEVIATIONS * RAYLEIGH_DEVIATION / np.sqrt(channels)) * np.sqrt(noise_power)
     candidate = (magnitude > np.roll(magnitude, 1, axis=1)) & (magnitude >= np.roll(magnitude, -1, axis=1))
-    candidate &= (magnitude >= threshold) & (magnitude >= strongest * 10.0 ** (-PEAK_SPAN_DB / 20.0)) & (magnitude > 0)
+    least = np.maximum(threshold, strongest * float(db_to_amplitude(-PEAK_SPAN_DB)))
+    candidate &= (magnitude >= least) & (magnitude > 0)
     np.put_along_axis(candidate, first[:, None], False, axis=1)
     ranked = np.argsort(np.where(candidate, -magnitude, np.inf), axis=1, kind="stable")
     cells = np.repeat(first[None], peaks, axis=0)

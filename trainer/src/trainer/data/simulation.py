@@ -26,7 +26,7 @@ from shared.signal import if_signal
 from shared.signal.imaging import DEFAULT_TERMS, near_field_images, sweep_moments
 from shared.signal.spectrum import range_doppler
 from shared.signal.windows import angle_window, cell_noise_power, hann_noise_share
-from trainer.estimators.base import line_array
+from trainer.estimators.array import line_array
 
 LEAST_BINS = 4
 """Angle bins that a lobe needs to have a width."""

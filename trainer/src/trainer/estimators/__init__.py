@@ -8,12 +8,17 @@ from typing import TYPE_CHECKING
 from shared.processes.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from trainer.estimators.array import LineArray as LineArray
+    from trainer.estimators.array import line_array as line_array
     from trainer.estimators.base import ESTIMATORS as ESTIMATORS
     from trainer.estimators.base import UNIFORM_ESTIMATORS as UNIFORM_ESTIMATORS
     from trainer.estimators.base import Estimator as Estimator
-    from trainer.estimators.base import LineArray as LineArray
-    from trainer.estimators.base import line_array as line_array
 
 __all__ = ["ESTIMATORS", "UNIFORM_ESTIMATORS", "Estimator", "LineArray", "line_array"]
 
-__getattr__, __dir__ = lazy_names(__name__, dict.fromkeys(__all__, "trainer.estimators.base"))
+_MODULES = {
+    **dict.fromkeys(("ESTIMATORS", "UNIFORM_ESTIMATORS", "Estimator"), "trainer.estimators.base"),
+    **dict.fromkeys(("LineArray", "line_array"), "trainer.estimators.array"),
+}
+
+__getattr__, __dir__ = lazy_names(__name__, _MODULES)

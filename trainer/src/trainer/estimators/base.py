@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trainer.estimators.adaptive import IterativeAdaptive, SparseCovariance, VirtualView
-from trainer.estimators.array import LineArray, NoisePower, line_array
+from trainer.estimators.array import LineArray, NoisePower
 from trainer.estimators.baselines import DelayAndSum, Music
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.omp import OrthogonalMatchingPursuit
-
-__all__ = ["ESTIMATORS", "UNIFORM_ESTIMATORS", "Estimator", "LineArray", "NoisePower", "line_array"]
 
 
 class Estimator(Protocol):

@@ -21,8 +21,8 @@ from shared.signal.tdm import averaged
 from trainer.data.arrays import ArrayChoice
 from trainer.data.measurements import Measurement
 from trainer.estimators.adaptive import VirtualView
-from trainer.estimators.array import POINTS_PER_CELL, uniform_axis
-from trainer.estimators.base import ESTIMATORS, Estimator, LineArray, line_array
+from trainer.estimators.array import POINTS_PER_CELL, LineArray, line_array, uniform_axis
+from trainer.estimators.base import ESTIMATORS, Estimator
 from trainer.estimators.baselines import DelayAndSum
 from trainer.metrics.cells import CellScores, score_cells
 from trainer.run.folder import Run

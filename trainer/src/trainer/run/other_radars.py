@@ -15,7 +15,7 @@ from shared.physics.errors import InputError
 from shared.radar import PRESETS, Radar
 from shared.radar.arrays import AntennaArray
 from trainer.data.arrays import ArrayChoice
-from trainer.estimators.base import line_array
+from trainer.estimators.array import line_array
 from trainer.run.folder import Run
 from trainer.run.imager import Imager
 

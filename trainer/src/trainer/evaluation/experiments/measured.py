@@ -21,8 +21,8 @@ from shared.physics.errors import InputError, figure_text
 from shared.physics.units import power_to_db
 from shared.pictures import SPAN_DB, draw_from_above, level_db, range_weighted_db
 from shared.signal.model_error import row_noise
-from trainer.estimators.array import draw_lines
-from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS, LineArray
+from trainer.estimators.array import LineArray, draw_lines
+from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS
 from trainer.estimators.baselines import Music
 from trainer.estimators.fitting import fit_lines, score_peaks
 from trainer.estimators.lines import line_amplitudes

@@ -18,7 +18,7 @@ from shared.signal.tdm import averaged
 from trainer.captures.reading import read_arrays
 from trainer.data.arrays import ArrayChoice
 from trainer.data.measurements import Cells, Measurement, open_measurements
-from trainer.estimators.base import LineArray, line_array
+from trainer.estimators.array import LineArray, line_array
 
 CARRIER_HZ = 77e9
 """Taken for a snapshot, of which no radar is known; u does not depend on it, since the elements stand half a wavelength
