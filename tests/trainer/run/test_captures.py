@@ -144,6 +144,9 @@ def test_an_estimator_looks_at_living_channels_on_the_line(tmp_path):
     assert estimator_answer("likes", radar, (4,)).channels.tolist() == [0, 2, 6, 8, 10]
     with pytest.raises(InputError, match="channels: all 12 are dead; expected a channel with an echo"):
         estimator_answer("likes", radar, tuple(range(12)))
+    said: list[str] = []
+    predict([write_capture(tmp_path / "cube.npz", radar)], tmp_path / "out", method="das", announce=said.append)
+    assert said[0] == "6 of 12 channels, at other heights than most, are left out"
 
 
 @pytest.mark.parametrize("dead", [(), (4,)])

@@ -53,9 +53,10 @@ def cfar_cells(spectra: NDArray[np.complexfloating]) -> tuple[DopplerSelection, 
     wanted = passed.copy()
     wanted[1:] |= passed[:-1]
     wanted[:-1] |= passed[1:]
-    peaks = passed & (power > np.roll(power, 1, axis=1)) & (power >= np.roll(power, -1, axis=1))
-    if power.shape[1] == 1:
-        peaks = passed
+    peaks = (power > np.roll(power, 1, axis=1)) & (power >= np.roll(power, -1, axis=1))
+    # Of one chirp, and of two, which a Hann window makes one, no cell is above its neighbour.
+    np.put_along_axis(peaks, strongest[:, None], True, axis=1)
+    peaks &= passed
     rank = np.where(wanted, -power, np.inf)
     order = np.argsort(rank, axis=1, kind="stable")[:, : max(int(wanted.sum(axis=1).max(initial=0)), 1)]
     there = np.take_along_axis(wanted, order, axis=1)

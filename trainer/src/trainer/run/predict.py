@@ -280,6 +280,8 @@ def _open(request: PredictRequest) -> tuple[Answer, Measurements]:
     found, measurements = open_measurements(request.source, request.radar, request.split, request.listed.cells)
     if loaded is None:
         assert request.method is not None
+        if others := found.array.channels - len(found.array.azimuth_channels):
+            request.announce(f"{others} of {found.array.channels} channels, at other heights than most, are left out")
         return estimator_answer(request.method, found, measurements.dead_channels), measurements
     if not measurements.dataset:
         about = str(request.source), measurements.dead_channels
