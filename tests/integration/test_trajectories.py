@@ -15,6 +15,7 @@ from small_radar import write_small_radar
 from datafactory import Pose, render
 from shared.dataset import Frame
 from shared.dataset.folder import open_dataset, read_manifest
+from shared.physics.errors import InputError
 
 ROWS = "time,x,y,z,yaw_deg\n0,-10,0,0.5,0\n0.2,-9,0,0.5,0\n0.4,-8,0,0.5,5\n"
 TINY = str(SCENES / "tiny.usda")
@@ -76,6 +77,16 @@ def test_drives_have_the_same_bytes_from_traced_paths(files: Path, tmp_path: Pat
         own = [frame for _, frame in frames.values() if frame.sequence == number]
         assert len({split for split, frame in frames.values() if frame.sequence == number}) == 1
         np.testing.assert_allclose(np.diff([frame.time for frame in own]), 0.1)
+
+
+@pytest.mark.parametrize(
+    ("times", "said"),
+    [((), "a track without poses; expected one or more"), ((2.0, 1.0), "time_s = 1 after 2; expected poses in time")],
+)
+def test_poses_that_are_no_track_are_refused(times: tuple[float, ...], said: str, tmp_path: Path) -> None:
+    track = [Pose((-10.0, 0.0, 0.5), time_s=time) for time in times]
+    with pytest.raises(InputError, match=f"--trajectory: {said}"):
+        render(TINY, tmp_path / "data", trajectory=[track])
 
 
 def test_what_stands_gives_the_same_image_again_and_a_small_step_a_nearly_equal_one(

@@ -30,7 +30,8 @@ from shared.signal.imaging import delay_and_sum
 
 WORLD, RADAR = "world", "radar"
 GAP_S = 1.0
-"""Between two sequences, and two frames whose times do not rise: those of drawn poses are all at time 0."""
+"""Between two sequences, and two frames whose times do not rise, or stand far apart: those of drawn poses are all at
+time 0, or at that of some traffic."""
 COLOURS = {
     "car": (0.12, 0.47, 0.71),
     "truck": (0.58, 0.4, 0.74),
@@ -63,12 +64,13 @@ def write_mcap(dataset: Dataset, out: Path, progress: Callable[[int, int], None]
                 done += 1
                 progress(done, total)
             stepped += clock.stepped
-    notes = [f"{stepped} frames follow the one before after {GAP_S:g} s: no time rises to them"] if stepped else []
+    notes = [f"{stepped} frames follow the one before after {GAP_S:g} s, whatever their times"] if stepped else []
     return done, (*notes, "targets have no height: they stand at the radar's")
 
 
 class _Clock:
-    """Times that rise: a new sequence, or a frame whose time does not, follows the one before after :data:`GAP_S`."""
+    """Times that rise: a new sequence, or a frame whose time does not, follows the one before after :data:`GAP_S`; a
+    frame of its own does so at the latest."""
 
     def __init__(self) -> None:
         self.stepped = 0
@@ -80,7 +82,10 @@ class _Clock:
         time_s = frame.time if np.isfinite(frame.time) else 0.0
         if self._before == -np.inf:
             self._offset = max(0.0, -time_s)
-        elif time_s + self._offset <= self._before or frame.sequence != self._sequence:
+        elif (
+            not 0.0 < time_s + self._offset - self._before <= (GAP_S if frame.sequence < 0 else np.inf)
+            or frame.sequence != self._sequence
+        ):
             self._offset = self._before + GAP_S - time_s
             self.stepped += 1
         self._before, self._sequence = time_s + self._offset, frame.sequence

@@ -194,6 +194,14 @@ def test_a_budget_on_two_scenes_is_settled_once_kept_and_checked(variant, radar,
     assert max(entry["achieved_on_other_frames"].values()) < 0.0
     assert "seconds" not in json.dumps(entry)
 
+    # A frame that was not swept may break the budget alone.
+    swept, kept = [scene.swept for scene in found.scenes], Errors(**entry["achieved"])
+    broken = kept.model_copy(update={"image_db": -5.0})
+    monkeypatch.setattr(budget, "errors_together", lambda samples, *_: kept if samples in swept else broken)
+    check(found, tmp_path / "data", said.append)
+    assert said[-1] == "warning: the error budget of -15 dB is not kept"
+    assert not entry_of(tmp_path / "data")["keeps_budget"]
+
 
 def test_a_budget_of_traced_paths_bounds_the_power_in_cells_alone(variant, radar, tmp_path) -> None:
     order, said = replace(order_of_two(radar), poses=(POSE,)), list[str]()

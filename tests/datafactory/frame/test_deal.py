@@ -230,5 +230,8 @@ def test_poses_after_the_last_sample_are_counted() -> None:
 
     assert remarks(driven) == ["street: 2 of 4 poses are not before 2 s, from when on what has samples rests"]
     assert remarks(driven, POSES[:2]) == []
+    # A pose of another scene's frame is none of this one's.
+    two = Movers(Scene("street", (CAR, driven))), Movers(Scene("yard", (CAR,)))
+    assert Deal(scenes=2, poses=(POSES[0], POSES[3]), traffic=two).remarks() == []
     # What goes straight on never ends.
     assert remarks(replace(CAR, velocity=(1.0, 0.0, 0.0))) == []

@@ -104,7 +104,9 @@ def test_what_was_asked_for_and_does_not_fit_is_refused_with_what_would(machine:
         workers_for(load(rays=1, triangles=20_000_000), 0)
 
 
-def test_a_dry_run_says_it_of_the_scene_and_the_workers_that_fit(tmp_path: Path) -> None:
+def test_a_dry_run_says_it_of_the_scene_and_the_workers_that_fit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     order = order_of(OrderOptions(str(SCENES / "tiny.usda"), radar="avr-qdm-110", frames=80, rays=4000))
     recipe = prepare(order, load_materials())
     found = forecast(recipe, tmp_path, 3)
@@ -112,6 +114,9 @@ def test_a_dry_run_says_it_of_the_scene_and_the_workers_that_fit(tmp_path: Path)
     assert found.memory == expected
     assert expected in found.lines()
     assert forecast(recipe, tmp_path, 0).workers >= 1
+    monkeypatch.setattr(memory, "usable_memory", lambda: 0.5 * GB)
+    with pytest.raises(InputError, match="memory: one frame takes"):
+        forecast(recipe, tmp_path, 0)
 
 
 SMALL = "[waveform]\nchirps = 8\nsamples = 128\nrange_bins = 100\n"

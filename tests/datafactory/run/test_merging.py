@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from small_radar import SMALL_RADAR
 from typer.testing import CliRunner
 
+import datafactory
 from datafactory.cli.app import app
 from datafactory.frame.draws import split_of
 from datafactory.run import merging
@@ -207,11 +208,29 @@ def test_a_merge_that_is_killed_goes_on(
     require_same(out, whole)
 
 
+def test_jobs_of_sequences_merge_to_the_run_in_one_piece(tmp_path: Path, radar_file: Path) -> None:
+    """A sequence has one split, whatever the numbers of its frames; frames of their own follow."""
+    track = tmp_path / "track.csv"
+    track.write_text("time,x,y,z,yaw_deg\n0,-10,-1.75,.5,0\n0.5,-9,-1.75,.5,0\n1,-8,-1.75,.5,4\n")
+
+    def made(out: Path, *more: object) -> None:
+        common = ("--radar", radar_file, "--rays", 500, "--workers", 1, "--split", "1:1:1", "--points", 4)
+        run("render", "shipped:tiny", "--trajectory", track, "--trajectory", track, *common, "--out", out, *more)
+
+    made(tmp_path / "whole")
+    for number in range(2):
+        made(tmp_path / "jobs", "--shard", f"{number}/2")
+    run("merge", tmp_path / "jobs", "--out", tmp_path / "merged")
+    require_same(tmp_path / "merged", tmp_path / "whole")
+
+
 def test_what_holds_no_jobs_is_refused(whole: Path, tmp_path: Path) -> None:
     assert "no such folder" in refused(tmp_path / "jobs", tmp_path / "merged")
     (tmp_path / "jobs").mkdir()
     assert "holds no job" in refused(tmp_path / "jobs", tmp_path / "merged")
     assert "is not of a job of an array" in refused(whole, tmp_path / "merged")
+    with pytest.raises(InputError, match="DIR: no folder; expected the --out of jobs of an array"):
+        datafactory.merge([], tmp_path / "merged")
 
 
 def test_a_job_is_not_taken_for_the_whole_run(jobs: Path, radar_file: Path) -> None:

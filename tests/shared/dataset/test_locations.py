@@ -75,6 +75,11 @@ def test_what_has_to_be_here_is_refused_elsewhere(folder):
         local("s3://b/set?region=us-east-1", "--out")
 
 
+def test_what_a_command_line_made_a_path_of_is_no_local_folder():
+    with pytest.raises(InputError, match=r"--out: s3:/b/set is not on this machine; expected a local folder"):
+        local(Path("s3://b/set"), "--out")
+
+
 def test_a_local_uri_is_the_local_folder(folder):
     assert locate(folder.as_uri()) == folder
     assert locate(str(folder)) == folder

@@ -226,10 +226,11 @@ def check(budget: Budget, directory: Location, announce: Announce) -> None:
     predicted = choice.predicted.measured()
     differences = {name: round(value - predicted[name], 1) for name, value in achieved.measured().items()}
     honest = max(map(abs, differences.values())) <= HONEST_DB
+    kept = worst_of([achieved, *others]).worst_db <= budget.level_db
     chosen = POWER_KNOBS if menu.paths_only else (*POWER_KNOBS, *SIGNAL_KNOBS)
     entry: dict[str, Any] = {
         "budget_db": budget.level_db,
-        "keeps_budget": choice.keeps_budget,
+        "keeps_budget": choice.keeps_budget and kept,
         "settings": {name: getattr(choice.settings, name) for name in chosen},
         "work_per_frame": choice.work,
         "frames": [sample.frame_id for scene in budget.scenes for sample in scene.swept],
@@ -249,5 +250,5 @@ def check(budget: Budget, directory: Location, announce: Announce) -> None:
         announce(f"error on frames that were not swept: {worst_of(others)}")
     if not honest:
         announce(f"warning: prediction and achieved error differ by more than {HONEST_DB:.0f} dB")
-    if achieved.worst_db > budget.level_db:
+    if not kept:
         announce(f"warning: the error budget of {budget.level_db:g} dB is not kept")

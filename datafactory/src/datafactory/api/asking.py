@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
 
@@ -124,7 +125,13 @@ def _track_of(item: str | Path | Sequence[Pose], frame_rate: float | None) -> tu
     if not isinstance(item, str | Path):
         if frame_rate is not None:
             raise InputError("--frame-rate", "beside poses", "a file, whose rows it lies between")
-        return _each(Pose, item, "--trajectory")
+        track = _each(Pose, item, "--trajectory")
+        if not track:
+            raise InputError("--trajectory", "a track without poses", "one or more")
+        for before, after in pairwise(pose.time_s for pose in track):
+            if after <= before:
+                raise InputError("--trajectory", f"time_s = {after:g} after {before:g}", "poses in time")
+        return track
     curve = read_track(Path(item))
     return curve.rows() if frame_rate is None else curve.resampled(frame_rate)
 

@@ -17,11 +17,10 @@ from datafactory.run.memory import (
     STREETS,
     amount,
     frame_bytes,
-    most_workers,
-    processes,
     require_room,
     room,
     statement,
+    workers_for,
 )
 from datafactory.run.preparation import Recipe
 from datafactory.run.shards import parse_job
@@ -79,7 +78,8 @@ def forecast(recipe: Recipe, directory: Location, workers: int, shard: str | Non
 
     :param workers: 0 for as many as there are cores and memory for
     :param shard: of :func:`datafactory.render`: what this job will take
-    :raises InputError: what a run would refuse of its scenes, poses and split; frames that cannot fit on the disk
+    :raises InputError: what a run would refuse of its scenes, poses and split; frames that fit neither the disk nor the
+        memory
     """
     job, plans = recipe.job, recipe.plans
     deal, radar, settings, load, limit = job.deal, job.radar, job.settings, job.load, usable_memory()
@@ -100,7 +100,7 @@ def forecast(recipe: Recipe, directory: Location, workers: int, shard: str | Non
     require_room(directory, frames.total(), radar, job.of_scenes.processing)
     scene_frames = sum(frame_id < deal.scene_frames for plan in plans for frame_id in plan.frame_ids)
     point_frames = frames.total() - scene_frames
-    workers = min(workers or min(processes(0, settings.device), max(1, most_workers(load, limit))), frames.total())
+    workers = min(workers_for(load, workers), frames.total())
     return Forecast(
         frames=dict(frames),
         shards=len(plans),

@@ -15,7 +15,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from itertools import accumulate, combinations
+from itertools import accumulate, combinations, groupby
 from typing import Literal
 
 import numpy as np
@@ -225,6 +225,12 @@ class Deal(Wanted):
             return self.stored[frame_id].sequence
         return bisect_right(self._ends, frame_id) if self.tracks else -1
 
+    @property
+    def sequences(self) -> tuple[int, ...]:
+        """How many frames each sequence has."""
+        numbers = [self.sequence_of(frame_id) for frame_id in range(self.scene_frames)]
+        return tuple(len(list(members)) for number, members in groupby(numbers) if number >= 0)
+
     def split_of(self, frame_id: int) -> Split:
         """Split of a frame: by the index of its sequence, or its own."""
         sequence = self.sequence_of(frame_id)
@@ -284,12 +290,13 @@ class Deal(Wanted):
         """What to say of scenes without a frame, of poses at which everything that had samples stands still, of drawn
         drives that are slow or alike, of tracks of different splits that come near each other, and of given poses that
         something of a population drives or walks through."""
-        said, poses = list[str](), self.given
+        said = list[str]()
         # Dealt in turn, the first frames, or sequences, are those of the first scenes, one each.
         idle = [movers.scene for movers in self.traffic[len(self.tracks) or self.scene_frames :]]
         if idle:
             said.append(f"{len(idle)} of {self.scenes} scenes have no frame: {', '.join(idle)}")
-        for movers in self.traffic:
+        for number, movers in enumerate(self.traffic):
+            poses = [pose for frame_id in self.frames_of(number) if (pose := self.pose_of(frame_id)) is not None]
             if late := sum(pose.time_s >= movers.rests_from_s for pose in poses):
                 from_when = f"{movers.rests_from_s:g} s, from when on what has samples rests"
                 said.append(f"{movers.scene}: {late} of {len(poses)} poses are not before {from_when}")

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from datafactory.view.camera import Cameras, draw_camera, seen
 from shared.dataset import Box, Frame
 from shared.dataset.folder import Dataset
-from shared.dataset.locations import Location
+from shared.dataset.locations import Location, local
 from shared.dataset.reading import radar_of, read_frame
 from shared.dataset.writing import write_bytes
 from shared.physics.errors import InputError, figure_text
@@ -60,6 +60,7 @@ def write_pictures(dataset: Dataset, count: int, folder: Path, cameras: Cameras 
     rows = [(split, *place) for split in dataset.splits for place in dataset.rows(split)]
     chosen = sorted({round(place) for place in np.linspace(0, len(rows) - 1, min(count, len(rows)))})
     radar = radar_of(dataset.description(), dataset.path)
+    folder = local(folder, "--out")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

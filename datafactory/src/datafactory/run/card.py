@@ -156,7 +156,7 @@ def _contents(manifest: Mapping[str, Any]) -> str:
 Array columns are flat lists in C order. Radar, axes and shapes stand as JSON in each file's metadata, under
 `sparseradar`.
 `targets` and `boxes` hold for mid-frame. The radar frame has x forward, y left and z up. The velocity of a box is
-relative to the radar; the velocity over ground is that plus the sensor's.
+relative to the radar; the velocity over ground is that plus the sensor's, turned into the radar frame.
 """
     return "\n".join(lines) + "\n" + more
 

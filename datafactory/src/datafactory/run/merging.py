@@ -75,6 +75,8 @@ def find_jobs(folders: Sequence[Path]) -> tuple[list[FinishedJob], list[Path]]:
     :raises InputError: a folder without jobs, a manifest that is damaged or not of a job, no finished job
     """
     finished, begun = [], []
+    if not folders:
+        raise InputError("DIR", "no folder", "the --out of jobs of an array")
     for folder in folders:
         for path in _job_folders(folder):
             if (path / MANIFEST).is_file():

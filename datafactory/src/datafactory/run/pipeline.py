@@ -116,7 +116,8 @@ def produce(recipe: Recipe, execution: Execution, started: float) -> Report:
     counts = total_counts(finished)
     if execution.job is not None:
         split = None if job.paths_alone else job.deal.split
-        manifest = {**manifest, ENTRY: JobEntry(frames=len(job.deal), split=split).model_dump()}
+        entry = JobEntry(frames=len(job.deal), split=split, sequences=job.deal.sequences)
+        manifest = {**manifest, ENTRY: entry.model_dump()}
     seconds = time.perf_counter() - started
     finish(
         directory,

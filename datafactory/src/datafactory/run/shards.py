@@ -269,10 +269,12 @@ class JobEntry(BaseModel, frozen=True):
 
     :param frames: of the whole dataset
     :param split: pattern of the whole dataset; None for traced paths
+    :param sequences: frames of each sequence, which come first and have one split
     """
 
     frames: Annotated[int, Field(ge=1)]
     split: str | None
+    sequences: tuple[Annotated[int, Field(ge=1)], ...] = ()
 
     def plans(self) -> tuple[ShardPlan, ...]:
         """The shards of the whole dataset.
@@ -281,4 +283,6 @@ class JobEntry(BaseModel, frozen=True):
         """
         if self.split is None:
             return plan_shards((PATHS,) * self.frames)
-        return plan_shards([split_of(frame_id, self.split) for frame_id in range(self.frames)])
+        own = range(sum(self.sequences), self.frames)
+        splits = [split_of(number, self.split) for number, count in enumerate(self.sequences) for _ in range(count)]
+        return plan_shards([*splits, *(split_of(frame_id, self.split) for frame_id in own)])

@@ -121,7 +121,7 @@ def locate(path: Path | str | RemotePath) -> Location:
     """
     require_utf8(path)
     if not isinstance(path, str):
-        if isinstance(path, Path) and str(path).startswith(tuple(f"{scheme}:/" for scheme in PARAMETERS)):
+        if _was_uri(path):
             raise InputError(path, "a URI as a Path, which drops a slash of it", "the URI as text")
         return path
     if re.match(r"[a-z][a-z0-9+.-]+://", path, re.IGNORECASE) is None:
@@ -142,6 +142,10 @@ def locate(path: Path | str | RemotePath) -> Location:
     except (OSError, pa.ArrowException) as error:
         raise _unreachable(label, error) from error
     return Path(key) if isinstance(filesystem, LocalFileSystem) else RemotePath(filesystem, key, label, path)
+
+
+def _was_uri(path: object) -> bool:
+    return isinstance(path, Path) and str(path).startswith(tuple(f"{scheme}:/" for scheme in PARAMETERS))
 
 
 def _checked(uri: str) -> SplitResult:
@@ -177,9 +181,10 @@ def local(path: Path | str, option: str) -> Path:
 
     :raises InputError: a place elsewhere
     """
-    location = locate(path)
+    # Of a command line that takes a Path: what was typed lost a slash.
+    location = None if _was_uri(path) else locate(path)
     if not isinstance(location, Path):
-        raise InputError(option, f"{location} is not on this machine", "a local folder")
+        raise InputError(option, f"{location or path} is not on this machine", "a local folder")
     return location
 
 
