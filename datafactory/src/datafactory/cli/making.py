@@ -134,7 +134,7 @@ def city(asked: CityOptions) -> None:
     form, window = "osm" if asked.opendrive is None else "opendrive", {} if extent is None else {"extent": extent}
     middle = None if centre is None else _place(centre)
     moving = write_town(asked.out, source, form, asked.seed, asked.style, middle, **window)
-    typer.echo(f"wrote {asked.out}: {moving} vehicles drive")
+    typer.echo(f"wrote {asked.out}: {moving} vehicles in its traffic")
 
 
 def _run(make: Callable[..., Report], verbose: bool) -> Report:
