@@ -20,11 +20,11 @@ from typing import Annotated, Literal
 
 import numpy as np
 from jaxtyping import Float, Float64
-from pydantic import Field, FiniteFloat, ValidationError, model_validator
+from pydantic import Field, FiniteFloat, model_validator
 
 from shared.physics.errors import InputError
 from shared.physics.units import ArrayOrScalar, db_to_power, power_to_db
-from shared.radar.validation import Described, first_validation_error
+from shared.radar.validation import Described, validated
 
 Directions = Float[np.ndarray, "*shape 3"]
 Real = Float64[ArrayOrScalar, "*shape"]
@@ -290,16 +290,9 @@ def read_table(path: Path, outside_gain_dbi: float | None = None) -> TablePatter
         if len(angles) < 2:
             expected = "at least 2 azimuths and 2 elevations, with a line for each pair"
             raise InputError(path, f"{name}: {len(angles)} in the file", expected)
-    try:
-        return TablePattern(
-            azimuth_deg=tuple(azimuths),
-            elevation_deg=tuple(elevations),
-            gain_dbi=tuple(tuple(levels[azimuth, elevation] for elevation in elevations) for azimuth in azimuths),
-            outside_gain_dbi=outside_gain_dbi,
-        )
-    except ValidationError as error:
-        problem, expected = first_validation_error(error)
-        raise InputError(path, problem, expected) from error
+    gain_dbi = [[levels[azimuth, elevation] for elevation in elevations] for azimuth in azimuths]
+    table = {"azimuth_deg": azimuths, "elevation_deg": elevations, "gain_dbi": gain_dbi}
+    return validated(TablePattern, table | {"outside_gain_dbi": outside_gain_dbi}, path)
 
 
 def _number(path: Path, line: int, column: str, text: str) -> float:

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from shared.physics.errors import InputError, meant
 from shared.radar.antenna import read_table
@@ -15,7 +15,7 @@ from shared.radar.arrays import virtual_sensor_256
 from shared.radar.boards import BOARDS, mirrored
 from shared.radar.profile import ChirpProfile, read_cfg
 from shared.radar.radar import Radar
-from shared.radar.validation import Described, first_validation_error, read_toml, validated
+from shared.radar.validation import Described, read_toml, validated
 from shared.radar.waveform import Waveform
 
 
@@ -125,12 +125,10 @@ def _on_board(path: Path, document: dict[str, Any], turned: bool) -> tuple[bool,
     if "array" in document:  # its own: its TX take the turns, and a capture chooses of it
         array = validated(Radar, {"array": document["array"]}, path).array
     if capture is not None:
-        try:
-            of_file = isinstance(capture, str)
-            profile = read_cfg(path.parent / capture) if of_file else ChirpProfile.model_validate(capture)
-        except ValidationError as error:
-            problem, expected = first_validation_error(error, keys=ChirpProfile.model_fields)
-            raise InputError(path, f"capture: {problem}", expected) from error
+        if isinstance(capture, str):
+            profile = read_cfg(path.parent / capture)
+        else:
+            profile = validated(ChirpProfile, capture, f"{path}: capture")
         try:
             array = profile.array(array)
         except ValueError as error:

@@ -15,11 +15,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, FiniteFloat, ValidationError, model_validator
+from pydantic import Field, FiniteFloat, model_validator
 
 from shared.physics.errors import InputError
 from shared.radar.arrays import AntennaArray
-from shared.radar.validation import Described, first_validation_error
+from shared.radar.validation import Described, validated
 from shared.radar.waveform import Duration, Frequency, Waveform
 
 Number = Annotated[int, Field(ge=1, le=64)]
@@ -102,23 +102,20 @@ def read_cfg(path: Path) -> ChirpProfile:
     channel = _numbers(path, lines, "channelCfg", 2)
     adc = _numbers(path, lines, "adcCfg", 2) if "adcCfg" in lines else [2.0, 1.0]
     tx = _senders(path, lines, profile[0], frame)
-    try:
-        return ChirpProfile(
-            start_frequency_hz=profile[1] * 1e9,
-            idle_time_s=profile[2] * 1e-6,
-            adc_start_time_s=profile[3] * 1e-6,
-            ramp_end_time_s=profile[4] * 1e-6,
-            slope_hz_per_s=profile[7] * 1e12,
-            samples=int(profile[9]),
-            sample_rate_hz=profile[10] * 1e3,
-            chirps=int(frame[2]),
-            tx=tx,
-            rx=_set_bits(int(channel[0])),
-            real=adc[1] == 0,
-        )
-    except ValidationError as error:
-        problem, expected = first_validation_error(error)
-        raise InputError(path, f"profileCfg: {problem}", expected) from error
+    stated = {
+        "start_frequency_hz": profile[1] * 1e9,
+        "idle_time_s": profile[2] * 1e-6,
+        "adc_start_time_s": profile[3] * 1e-6,
+        "ramp_end_time_s": profile[4] * 1e-6,
+        "slope_hz_per_s": profile[7] * 1e12,
+        "samples": int(profile[9]),
+        "sample_rate_hz": profile[10] * 1e3,
+        "chirps": int(frame[2]),
+        "tx": tx,
+        "rx": _set_bits(int(channel[0])),
+        "real": adc[1] == 0,
+    }
+    return validated(ChirpProfile, stated, f"{path}: profileCfg")
 
 
 def _lines(path: Path) -> dict[str, list[list[str]]]:
