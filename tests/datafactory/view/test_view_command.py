@@ -256,3 +256,9 @@ def test_frames_of_traced_paths_have_the_pictures_of_frames_of_the_scene(folder:
     assert steps[-3:] == [("camera pictures", done, 2) for done in range(3)]
     for name in ("frame-000000.png", "frame-000001.png"):
         assert (tmp_path / "data/camera" / name).read_bytes() == (folder / "with/camera" / name).read_bytes()
+
+
+def test_one_file_given_twice_is_one_scene(folder: Path, tmp_path: Path) -> None:
+    twice = [folder / "tiny.usda"] * 2
+    render(twice, tmp_path / "two", radar=folder / "radar.toml", frames=2, rays=100, effects="diffuse", camera=True)
+    assert len(list((tmp_path / "two/camera").iterdir())) == 2

@@ -254,10 +254,10 @@ class Cameras:
 
     def _scene(self, name: str) -> PreparedScene:
         if name not in self._opened:
-            entries = [entry for entry in self._rendered.scenes if entry.name == name]
+            entries = {entry.content_sha256: entry for entry in self._rendered.scenes if entry.name == name}
             if len(entries) != 1:
                 raise InputError(self._source, f"{len(entries)} scenes named {name!r}", "one")
-            (entry,) = entries
+            (entry,) = entries.values()
             scene = self._given.get(entry.content_sha256) or recorded(vars(entry), entry.source)
             if scene.content_hash() != entry.content_sha256:
                 raise InputError(entry.source, "is not the scene that was rendered", "the file as it was then")
