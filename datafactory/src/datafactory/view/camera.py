@@ -214,6 +214,8 @@ class _SceneEntry(BaseModel):
     source: str
     content_sha256: str
     population: dict[str, Any] | None = None
+    variants: dict[str, str] = {}
+    allow_missing: bool = False
 
 
 class _Rendered(BaseModel):
