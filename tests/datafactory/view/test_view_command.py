@@ -294,3 +294,23 @@ def "lost" (references = @gone.usd@) {{
         view(None, tmp_path / "page.html", paths=tmp_path / "paths", **given)
     with pytest.raises(InputError, match="is not the scene in which the paths of"):
         view(None, tmp_path / "page.html", paths=tmp_path / "paths", variant=["look=a"], allow_missing=True)
+
+
+def test_pictures_show_the_materials_that_were_simulated(folder: Path, tmp_path: Path) -> None:
+    leaves = "[material.wet_leaves]\nrelative_permittivity = 3\nconductivity = 1\n[map]\nasphalt = 'wet_leaves'\n"
+    (tmp_path / "materials.toml").write_text(leaves, encoding="utf-8")
+    asked: dict[str, Any] = {"radar": folder / "radar.toml", "poses": POSES[:1], "rays": 100, "effects": "diffuse"}
+    asked |= {"split": "1:0:0", "materials": tmp_path / "materials.toml"}
+    render(folder / "tiny.usda", tmp_path / "frames", **asked, camera=True)
+    trace(folder / "tiny.usda", tmp_path / "paths", **asked)
+    render(None, tmp_path / "later", paths=tmp_path / "paths", radar=folder / "radar.toml", camera=True)
+    dataset = open_dataset(tmp_path / "frames")
+    (frame,) = dataset.frames("train", columns=())
+    made = Cameras(dataset).subject(frame)
+    assert made is not None
+    assert "wet_leaves" in [mesh.material for mesh in made.scene.merged.meshes]
+    for name in ("frames", "later"):
+        stored = imread(tmp_path / name / "camera/frame-000000.png")[..., :3]
+        np.testing.assert_array_equal(np.rint(255.0 * stored), camera_picture(made))
+    view(None, tmp_path / "page.html", paths=tmp_path / "paths")
+    assert "wet_leaves" in [material["name"] for material in told(tmp_path / "page.html")["materials"]]
