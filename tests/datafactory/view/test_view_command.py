@@ -6,12 +6,14 @@ import json
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from factory_command import run
 from matplotlib.image import imread
 from prepared_scenes import EFFECT_SCENES, SCENES, prepared_scene
+from usd_files import cube, write_usda
 
 from datafactory.api.asking import load_scene
 from datafactory.api.making import render, trace
@@ -256,3 +258,59 @@ def test_frames_of_traced_paths_have_the_pictures_of_frames_of_the_scene(folder:
     assert steps[-3:] == [("camera pictures", done, 2) for done in range(3)]
     for name in ("frame-000000.png", "frame-000001.png"):
         assert (tmp_path / "data/camera" / name).read_bytes() == (folder / "with/camera" / name).read_bytes()
+
+
+def test_one_file_given_twice_is_one_scene(folder: Path, tmp_path: Path) -> None:
+    twice = [folder / "tiny.usda"] * 2
+    render(twice, tmp_path / "two", radar=folder / "radar.toml", frames=2, rays=100, effects="diffuse", camera=True)
+    assert len(list((tmp_path / "two/camera").iterdir())) == 2
+
+
+def test_a_scene_is_read_again_as_it_was_read(folder: Path, tmp_path: Path) -> None:
+    looks = "".join(f'"{look}" {{\n{cube(look)}\n}}\n' for look in "ab")
+    stage = f"""def "set" (
+  variants = {{
+    string look = "a"
+  }}
+  prepend variantSets = "look"
+) {{
+  variantSet "look" = {{
+{looks}  }}
+}}
+def "lost" (references = @gone.usd@) {{
+}}"""
+    path = write_usda(tmp_path, stage)
+    reading: dict[str, Any] = {"variant": ["look=b"], "allow_missing": True}
+    asked: dict[str, Any] = {"radar": folder / "radar.toml", "poses": [Pose((-5.0, 0.0, 0.0))], "rays": 100, **reading}
+    asked |= {"effects": "diffuse", "split": "1:0:0"}
+    render(path, tmp_path / "frames", **asked)
+    dataset = open_dataset(tmp_path / "frames")
+    (frame,) = dataset.frames("train", columns=())
+    seen = Cameras(dataset).subject(frame)
+    assert seen is not None
+    assert seen.scene.merged.objects == ("/set/b",)
+    trace(path, tmp_path / "paths", **asked)
+    for given in ({}, reading):
+        view(None, tmp_path / "page.html", paths=tmp_path / "paths", **given)
+    with pytest.raises(InputError, match="is not the scene in which the paths of"):
+        view(None, tmp_path / "page.html", paths=tmp_path / "paths", variant=["look=a"], allow_missing=True)
+
+
+def test_pictures_show_the_materials_that_were_simulated(folder: Path, tmp_path: Path) -> None:
+    leaves = "[material.wet_leaves]\nrelative_permittivity = 3\nconductivity = 1\n[map]\nasphalt = 'wet_leaves'\n"
+    (tmp_path / "materials.toml").write_text(leaves, encoding="utf-8")
+    asked: dict[str, Any] = {"radar": folder / "radar.toml", "poses": POSES[:1], "rays": 100, "effects": "diffuse"}
+    asked |= {"split": "1:0:0", "materials": tmp_path / "materials.toml"}
+    render(folder / "tiny.usda", tmp_path / "frames", **asked, camera=True)
+    trace(folder / "tiny.usda", tmp_path / "paths", **asked)
+    render(None, tmp_path / "later", paths=tmp_path / "paths", radar=folder / "radar.toml", camera=True)
+    dataset = open_dataset(tmp_path / "frames")
+    (frame,) = dataset.frames("train", columns=())
+    made = Cameras(dataset).subject(frame)
+    assert made is not None
+    assert "wet_leaves" in [mesh.material for mesh in made.scene.merged.meshes]
+    for name in ("frames", "later"):
+        stored = imread(tmp_path / name / "camera/frame-000000.png")[..., :3]
+        np.testing.assert_array_equal(np.rint(255.0 * stored), camera_picture(made))
+    view(None, tmp_path / "page.html", paths=tmp_path / "paths")
+    assert "wet_leaves" in [material["name"] for material in told(tmp_path / "page.html")["materials"]]

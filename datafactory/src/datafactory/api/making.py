@@ -64,7 +64,7 @@ def render(asked: RenderOptions) -> Report:
         raise InputError("--camera", f"beside {OPTION}", "datafactory inspect --camera once the jobs are merged")
     menu = None if asked.error_budget is None else menu_for(asked.rays, asked.depth)
     report = _made(asked, order, menu)
-    return _with_cameras(order, materials_of(asked.materials), report, asked.progress) if asked.camera else report
+    return _with_cameras(order, report, asked.progress) if asked.camera else report
 
 
 @taking(TraceOptions)
@@ -104,13 +104,13 @@ def _made(asked: RenderOptions | TraceOptions, order: Order, menu: Menu | None) 
         return _within_budget(order, table, execution, menu)
 
 
-def _with_cameras(order: Order, table: MaterialTable, report: Report, progress: Progress) -> Report:
+def _with_cameras(order: Order, report: Report, progress: Progress) -> Report:
     """The pictures of a camera at the sensor beside a finished run; those that are there are kept."""
     from datafactory.view.camera import Cameras, write_cameras  # where needed: Matplotlib takes a quarter of a second
 
     started = time.perf_counter()
     dataset = open_dataset(report.directory)
-    cameras = Cameras(dataset, [scene for scene in order.scenes if isinstance(scene, Scene)], table)
+    cameras = Cameras(dataset, [scene for scene in order.scenes if isinstance(scene, Scene)])
     progress("camera pictures", 0, order.scene_frames)
     for done, _ in enumerate(write_cameras(dataset, cameras), 1):
         progress("camera pictures", done, order.scene_frames)

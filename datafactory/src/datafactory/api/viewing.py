@@ -10,13 +10,16 @@ from datafactory.api.turns import in_turn
 from datafactory.frame.chain import SceneSource, StoredSource, narrowed
 from datafactory.paths.backend import set_threads
 from datafactory.run.preparation import prepare, prepared_scene
+from datafactory.scenes.materials.table import RecordedMaterials
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.traffic.population import recorded
 from datafactory.view.subject import Subject
 from shared.dataset.locations import Location, locate
+from shared.dataset.manifest import MANIFEST
 from shared.dataset.writing import write_bytes
 from shared.physics.errors import InputError
 from shared.processes.declared import common, taking
+from shared.radar import validated
 
 PAGE_SUFFIX = ".html"
 
@@ -73,14 +76,16 @@ def _traced_before(asked: ViewOptions, folder: Location) -> Subject:
     traced = StoredSource(order.stored[asked.frame], order.of_scenes).traced(order.radar)
     _, paths = narrowed(traced, order.of_scenes, order.radar)
     entry = order.traced.scenes[traced.scene_number]
-    (given,) = scenes_of(asked.scene, asked, asked.seed) or (entry.get("source", ""),)
+    (given,) = scenes_of(entry.get("source", "") if asked.scene is None else asked.scene, asked, asked.seed)
     opened = given if isinstance(given, Scene) else recorded(entry, str(given))
     if opened.content_hash() != entry.get("content_sha256"):
         problem = f"is not the scene in which the paths of {folder} were traced"
         raise InputError(opened.source or opened.name, problem, "the file as it was then, by --scene if it was moved")
+    were = validated(RecordedMaterials, entry.get("materials", {}), folder / MANIFEST)
+    materials = were.table() if asked.materials is None else materials_of(asked.materials)
     return Subject(
         f"{traced.scene}, frame {asked.frame}",
-        prepared_scene(opened, materials_of(asked.materials), asked.announce),
+        prepared_scene(opened, materials, asked.announce),
         traced.pose,
         order.radar,
         paths,

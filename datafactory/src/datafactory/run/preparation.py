@@ -357,4 +357,6 @@ def _entry(scene: Scene, prepared: PreparedScene) -> dict[str, Any]:
         "warnings": list(scene.warnings),
         "materials": prepared.materials.to_json(),
         **({} if scene.population is None else {"population": scene.population.to_json()}),
+        **({"variants": dict(scene.variants)} if scene.variants else {}),
+        **({"allow_missing": True} if scene.allow_missing else {}),
     }

@@ -140,6 +140,8 @@ class Scene(Told):
     :param stated: name of a material as its objects have it -> the substance that the file says it is, e.g. ``"metal"``
     :param population: what was put into it besides, of which the objects and targets are among these; None of a scene
         as it was read
+    :param variants: with which it was read, as ``allow_missing``, see
+        :class:`datafactory.scenes.readers.common.Reading`
     """
 
     name: str
@@ -149,6 +151,8 @@ class Scene(Told):
     warnings: tuple[str, ...] = field(default=())
     stated: Mapping[str, str] = field(default_factory=dict)
     population: Population | None = None
+    variants: tuple[tuple[str, str], ...] = ()
+    allow_missing: bool = False
 
     def __str__(self) -> str:
         moving = sum(item.moves for item in self.objects) + sum(target.moves for target in self.targets)

@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 
 from datafactory.frame.deal import PreparedScene
 from datafactory.run.preparation import prepared_scene
-from datafactory.scenes.materials.table import MaterialTable, load_materials
+from datafactory.scenes.materials.table import RecordedMaterials
 from datafactory.scenes.motion import Real
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene
@@ -214,6 +214,9 @@ class _SceneEntry(BaseModel):
     source: str
     content_sha256: str
     population: dict[str, Any] | None = None
+    variants: dict[str, str] = {}
+    allow_missing: bool = False
+    materials: RecordedMaterials = RecordedMaterials()
 
 
 class _Rendered(BaseModel):
@@ -226,16 +229,14 @@ class Cameras:
     """The scenes of a dataset, each opened when a frame needs it.
 
     :param scenes: those that were opened before, among them any that no file holds
-    :param materials: that decide the colours
     :raises InputError: a manifest without what is needed
     """
 
-    def __init__(self, dataset: Dataset, scenes: Sequence[Scene] = (), materials: MaterialTable | None = None) -> None:
+    def __init__(self, dataset: Dataset, scenes: Sequence[Scene] = ()) -> None:
         self._source = dataset.path / MANIFEST
         self._rendered = validated(_Rendered, dataset.manifest, self._source)
         self._radar = radar_of(dataset.description(), self._source)
         self._given = {scene.content_hash(): scene for scene in scenes}
-        self._materials = materials or load_materials()
         self._opened: dict[str, PreparedScene] = {}
 
     def subject(self, frame: Frame) -> Subject | None:
@@ -254,14 +255,14 @@ class Cameras:
 
     def _scene(self, name: str) -> PreparedScene:
         if name not in self._opened:
-            entries = [entry for entry in self._rendered.scenes if entry.name == name]
+            entries = {entry.content_sha256: entry for entry in self._rendered.scenes if entry.name == name}
             if len(entries) != 1:
                 raise InputError(self._source, f"{len(entries)} scenes named {name!r}", "one")
-            (entry,) = entries
+            (entry,) = entries.values()
             scene = self._given.get(entry.content_sha256) or recorded(vars(entry), entry.source)
             if scene.content_hash() != entry.content_sha256:
                 raise InputError(entry.source, "is not the scene that was rendered", "the file as it was then")
-            self._opened[name] = prepared_scene(scene, self._materials, silent)
+            self._opened[name] = prepared_scene(scene, entry.materials.table(), silent)
         return self._opened[name]
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import resources
 from pathlib import Path
 from types import MappingProxyType
@@ -219,6 +219,23 @@ class MaterialEntry(BaseModel, frozen=True, extra="forbid", strict=True):
         electrical = self.relative_permittivity, self.conductivity, self.thickness, coefficient
         lower, upper = self.valid_ghz
         return Material(name, *electrical, self.pattern, self.source, (lower, upper), tuple(self.assumptions))
+
+
+class _Became(BaseModel):
+    material: str
+
+
+class RecordedMaterials(BaseModel):
+    """What :meth:`MaterialMapping.to_json` wrote: by name in the scene, and by name of the material."""
+
+    names: dict[str, _Became] = {}
+    materials: dict[str, Material] = {}
+
+    def table(self) -> MaterialTable:
+        """The built-in table, over which each name becomes what it became."""
+        known = load_materials()
+        exact = {name: became.material for name, became in self.names.items()}
+        return replace(known, materials={**known.materials, **self.materials}, exact=exact)
 
 
 class MaterialFile(BaseModel, frozen=True, extra="forbid", strict=True):

@@ -13,6 +13,7 @@ from datafactory.scenes.boxes import Movers
 from datafactory.scenes.chain import Chain
 from datafactory.scenes.ground import Ground, free_ground
 from datafactory.scenes.motion import triple
+from datafactory.scenes.readers.common import Reading
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.streets import Mask
@@ -72,11 +73,12 @@ def populated(scene: Scene, asked: Asked, seed: int) -> Scene:
 
 
 def recorded(entry: Mapping[str, Any], source: str) -> Scene:
-    """The scene of a manifest's entry, populated as it was.
+    """The scene of a manifest's entry, read and populated as it was.
 
     :param source: where it is now
     """
-    scene, put_in = open_scene(source), entry.get("population")
+    reading = Reading(tuple(entry.get("variants", {}).items()), entry.get("allow_missing", False))
+    scene, put_in = open_scene(source, reading), entry.get("population")
     return scene if put_in is None else populated(scene, parse_populate(put_in["populate"]), put_in["seed"])
 
 
