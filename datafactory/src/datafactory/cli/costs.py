@@ -13,7 +13,6 @@ from datafactory.api.options import AccuracyOptions, OrderOptions, PlanCommandOp
 from datafactory.defaults import DEFAULT_FRAMES, IMAGE_BATCH
 from shared.cli.console import plain_console, table
 from shared.cli.options import asking
-from shared.dataset.locations import local
 from shared.physics.errors import InputError
 from shared.processes.declared import common
 
@@ -62,6 +61,8 @@ def plan(
 
 def _require_folder(out: Path) -> None:
     """:raises InputError: a file stands where the folder is to be, or it is elsewhere"""
+    from shared.dataset.locations import local
+
     local(out, "--out")
     there = next(path for path in (out, *out.parents) if path.exists())
     if not there.is_dir():
