@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -158,21 +159,23 @@ def slab_reflection(
     permittivity: float, conductivity: float, thickness_m: float, frequency_hz: float, cosine: ArrayLike
 ) -> tuple[Complex, Complex]:
     """R, TE and TM, at the front face, for cosines of the angle of incidence."""
-    cosines = np.asarray(cosine, dtype=np.float64)
-    flat, slabs = cosines.reshape(-1), _slab(permittivity, conductivity, thickness_m, frequency_hz)
-    te, tm = slabs.reflection(np.zeros(flat.size, dtype=np.int64), flat)
-    return te.reshape(cosines.shape), tm.reshape(cosines.shape)
+    return _at(_slab(permittivity, conductivity, thickness_m, frequency_hz).reflection, cosine)
 
 
 def slab_transmission(
     permittivity: float, conductivity: float, thickness_m: float, frequency_hz: float, cosine: ArrayLike
 ) -> tuple[Complex, Complex]:
     """T, TE and TM, without the air that a slab takes the place of."""
+    te, tm = _at(_slab(permittivity, conductivity, thickness_m, frequency_hz).transmission, cosine)
+    air = np.exp(2j * np.pi * frequency_hz / SPEED_OF_LIGHT * thickness_m * np.asarray(cosine))
+    return te / air, tm / air
+
+
+def _at(coefficients: Callable[..., tuple[Complex, Complex]], cosine: ArrayLike) -> tuple[Complex, Complex]:
+    """TE and TM of the only slab, in the shape of the cosines."""
     cosines = np.asarray(cosine, dtype=np.float64)
-    flat, slabs = cosines.reshape(-1), _slab(permittivity, conductivity, thickness_m, frequency_hz)
-    te, tm = slabs.transmission(np.zeros(flat.size, dtype=np.int64), flat)
-    air = np.exp(2j * np.pi * frequency_hz / SPEED_OF_LIGHT * thickness_m * flat)
-    return (te / air).reshape(cosines.shape), (tm / air).reshape(cosines.shape)
+    te, tm = coefficients(np.zeros(cosines.size, dtype=np.int64), cosines.reshape(-1))
+    return te.reshape(cosines.shape), tm.reshape(cosines.shape)
 
 
 def _slab(permittivity: float, conductivity: float, thickness_m: float, frequency_hz: float) -> Slabs:

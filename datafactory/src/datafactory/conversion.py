@@ -80,12 +80,11 @@ class _Clock:
     def at(self, frame: Frame) -> int:
         """The frame's time [ns] in the file; none is before 0."""
         time_s = frame.time if np.isfinite(frame.time) else 0.0
+        after = time_s + self._offset - self._before
+        longest = GAP_S if frame.sequence < 0 else np.inf
         if self._before == -np.inf:
             self._offset = max(0.0, -time_s)
-        elif (
-            not 0.0 < time_s + self._offset - self._before <= (GAP_S if frame.sequence < 0 else np.inf)
-            or frame.sequence != self._sequence
-        ):
+        elif frame.sequence != self._sequence or not 0.0 < after <= longest:
             self._offset = self._before + GAP_S - time_s
             self.stepped += 1
         self._before, self._sequence = time_s + self._offset, frame.sequence

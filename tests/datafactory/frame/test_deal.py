@@ -201,7 +201,7 @@ def test_drawn_drives_that_are_slow_or_alike_are_said() -> None:
         for y, speed in ((0.0, 10.0), (0.1, 9.0), (9.0, 4.0))
     )
     deal = Deal(split="1:0:0", scenes=1, tracks=tracks, track_scenes=(0, 0, 0), drives=Drives(speed_mps=10.0))
-    slow = "1 of 3 drives have less than half of 10 m/s: their streets are short"
+    slow = "1 of 3 drives have less than 5 of 10 m/s: their streets are short"
     alike = "1 of 3 drives go the way of an earlier one, perhaps at another time"
     assert deal.remarks() == replace(deal, drives=Drives(), speed_mps=(10.0, 14.0)).remarks() == [slow, alike]
     assert replace(deal, drives=Drives()).remarks() == [alike]

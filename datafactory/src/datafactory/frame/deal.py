@@ -326,7 +326,9 @@ class Deal(Wanted):
         if asked is None:
             asked = (self.speed_mps or CRUISING_SPEEDS)[0]
         if slow := sum(speed < SLOW * asked for speed in mean_mps):
-            said.append(f"{slow} of {count} drives have less than half of {asked:g} m/s: their streets are short")
+            said.append(
+                f"{slow} of {count} drives have less than {SLOW * asked:g} of {asked:g} m/s: their streets are short"
+            )
         # The last drive may be cut short. Only those that begin at one place are compared.
         alike = {
             other

@@ -12,6 +12,9 @@ from pydantic import BaseModel, ValidationError, model_validator
 
 from shared.physics.errors import InputError, meant
 
+Place = tuple[int | str, ...]
+"""Of a value in a document: names of tables and fields, numbers in lists."""
+
 WORDS = {
     "missing": "a value",
     "greater_than": "more than {gt}",
@@ -48,9 +51,6 @@ class Described(BaseModel, frozen=True, extra="forbid"):
                 if kinds == {bool} and not isinstance(value, bool | None):
                     raise _fault(cls, place, value, "bool_type")
         return given
-
-
-Place = tuple[int | str, ...]
 
 
 def _fault(model: type[BaseModel], place: Place, value: object, kind: str) -> ValidationError:

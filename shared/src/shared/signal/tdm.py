@@ -13,9 +13,9 @@ The chirps of one TX come every T, so that f_D is f + h / T with an integer h, t
 knows. Channels of different TX whose virtual elements coincide see the same echo at different times. After the turn
 above they differ by exp(+j 2 pi h (i - i') / N). Turned back by each h they are added, and their power
 sum_places |sum_c x_c exp(-j 2 pi h i_c / N)|^2 is largest for the right h (Schmid, Feger, Pfeffer and Stelzer, EuCAP
-2012, compare the phases of such elements). Of K intervals that are told apart the lowest velocity
-is the highest as well. Its cell, the lowest where K is odd (of an even number of chirps) and the middle one where K is
-even, belongs to both ends: the larger of its neighbours says to which.
+2012, compare the phases of such elements). Of K intervals that are told apart the lowest velocity is the highest as
+well. Its cell, the lowest where K is odd (of an even number of chirps) and the middle one where K is even, belongs to
+both ends: the larger of its neighbours says to which.
 
 Limits: a range-Doppler cell has one h, that of the stronger target. Without elements that coincide nothing tells h, and
 0 is taken (:func:`statement`). Elements coincide in the far field; at a distance d a pair differs by up to

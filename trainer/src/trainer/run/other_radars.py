@@ -25,7 +25,7 @@ MOST_STRETCH = 0.1
 """Costs next to nothing: docs/notes/measured.md."""
 STRETCHES = 81
 """Tried, in steps of 1/400: half a step moves the outermost of 24 wavelengths by 0.015."""
-RANGE_DIGITS = 1e-9
+SAME = 1e-9
 """Range steps, relative, and positions, in wavelengths, that differ by less are the same."""
 
 
@@ -41,7 +41,7 @@ def fitted_imager(
     own, there = _in_wavelengths(run.radar), _in_wavelengths(radar)
     remarks = []
     step = radar.waveform.range_step_m
-    if abs(step / run.radar.waveform.range_step_m - 1.0) > RANGE_DIGITS:
+    if abs(step / run.radar.waveform.range_step_m - 1.0) > SAME:
         trained = run.radar.waveform.range_step_m
         remarks.append(
             f"{source} has range bins of {step:.3g} m, the run was trained with {trained:.3g} m: exact for points, "
@@ -49,7 +49,7 @@ def fitted_imager(
         )
     if radar.grid != run.radar.grid:
         remarks.append(f"imaged at the run's {run.radar.grid.bins} angles")
-    if own.shape == there.shape and np.abs(own - there).max() < RANGE_DIGITS:
+    if own.shape == there.shape and np.abs(own - there).max() < SAME:
         return imager, wanted, remarks
     found, misfit, stretch = matching_elements(own[wanted], there)
     tolerance = position_tolerance(run)
@@ -77,9 +77,9 @@ def matching_elements(wanted: NDArray[np.float64], there: NDArray[np.float64]) -
         misfits = distance.min(axis=2).max(axis=1)
         first = int(np.argmin(misfits))
         # Rounded: elements that coincide keep their order.
-        taking, nearest = linear_sum_assignment((distance[first] / RANGE_DIGITS).round())
+        taking, nearest = linear_sum_assignment((distance[first] / SAME).round())
         misfit, fine = _remaining(wanted[taking], there[nearest])
-        if misfit < least - RANGE_DIGITS:
+        if misfit < least - SAME:
             best, least, stretched = nearest, misfit, fine
     return best, least, stretched
 

@@ -60,7 +60,7 @@ def open_scene(source: str, reading: Reading = AS_WRITTEN) -> Scene:
     if not scene.objects and not scene.targets:
         found = f" ({'; '.join(scene.warnings)})" if scene.warnings else ""
         raise InputError(source, f"the scene is empty{found}", "at least one triangle mesh or point target")
-    return replace(scene, **vars(reading))
+    return replace(scene, variants=reading.variants, allow_missing=reading.allow_missing)
 
 
 @np.errstate(invalid="ignore", over="ignore")  # what is not finite is left out and counted, or refused
