@@ -15,6 +15,7 @@ from datafactory.paths.arrivals import Arrivals, Echoes
 from datafactory.paths.geometry import placed
 from datafactory.paths.merged_scene import MergedScene, merge_scene
 from datafactory.paths.rays import RayFan
+from datafactory.paths.rows import mirror_normals, scattered_rows
 from datafactory.paths.scattered import behind_panes, over_mirrors, scattered_twice
 from datafactory.paths.scattering import has_lobes, share_at
 from datafactory.paths.solver import Bundle, TraceSettings
@@ -24,6 +25,7 @@ from datafactory.scenes.materials.reflectivity import fresnel_reflectivity, lamb
 from datafactory.scenes.materials.table import Pattern
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene, SceneObject
+from shared.physics.vectors import dots, unit
 
 HERE = Pose((0.0, 0.0, 0.0))
 ROUGHNESS = {"concrete": 0.6, "metal": 0.5, "lobed": 0.4, "glass": 0.0}
@@ -239,6 +241,37 @@ def test_three_bounces_are_followed_in_all_their_orders():
     assert all(powers(found[kinds], fan) < powers(found[two], fan) for kinds in three)
     mirrors_off = first_hits(CORNER, replace(settings, specular=False), fan)
     assert {group.kinds for group in scattered_twice(mirrors_off, 1)} == {two, (2, 2, 2)}
+
+
+def unfolded_m(part: Bundle, velocities: NDArray[np.float64], kinds: tuple[int, ...], time_s: float):
+    """[n] lengths of the paths when the surfaces at their bounces have moved on, mirrors as the planes that they are."""
+    length, last = np.zeros(len(part.vertices)), np.zeros((len(part.vertices), 3))
+    normals = mirror_normals(part.vertices)
+    for step, kind in enumerate(kinds):
+        here = part.vertices[:, step] + time_s * velocities[:, step]
+        if kind == DIFFUSE:
+            length, last = length + np.linalg.norm(here - last, axis=1), here
+        else:
+            last = last + 2.0 * np.sum((here - last) * normals[:, step], axis=1)[:, None] * normals[:, step]
+    return length + np.linalg.norm(last, axis=1)
+
+
+@pytest.mark.parametrize("kinds", [(2, 2), (1, 2), (1, 2, 2), (2, 2, 2), (2, 1, 2)])
+def test_the_length_between_bounces_changes_as_their_surfaces_move(kinds):
+    speeds = ((-3.0, 1.0, 0.0), (2.0, -6.0, 0.5), (0.0, 0.4, 3.0))
+    moving = tuple(replace(item, velocity=speed) for item, speed in zip(CORNER, speeds, strict=True))
+    merged, fan = merged_of(*moving), RayFan(20_000)
+    view = view_of(merged, HERE, replace(EVERY, rays=20_000, depth=3))
+    first = Arrivals.first(view, fan)
+    groups = {group.kinds: group.thinned(1) for group in (*over_mirrors(first), *scattered_twice(first, 1))}
+    part = groups[kinds]
+    of = np.array(speeds)[merged.owner[part.triangles]]
+    assert len(part.vertices) > 500
+    (paths, *_), step_s = scattered_rows(part, view, fan), 1e-6
+    rate = dots(unit(paths.tx_point), paths.tx_velocity) + dots(unit(paths.rx_point), paths.rx_velocity)
+    before, now, after = (unfolded_m(part, of, kinds, time_s) for time_s in (-step_s, 0.0, step_s))
+    np.testing.assert_allclose(2.0 * paths.range_m(), now, rtol=1e-9)
+    np.testing.assert_allclose(rate + paths.between_rate_mps, (after - before) / (2.0 * step_s), atol=1e-4)
 
 
 @pytest.mark.parametrize("depth", [2, 3])

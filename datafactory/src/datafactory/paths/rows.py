@@ -84,16 +84,15 @@ def scattered_rows(part: Bundle, view: View, fan: RayFan) -> list[ScatteredPaths
     velocities, owner, kinds = _velocities(part, view), view.merged.owner[part.triangles[:, -1]], _kinds(part)
     if depth == 1:  # what is below would make the same of them
         return [ScatteredPaths.of_points(part.vertices[:, 0], velocities[:, 0], amplitude, owner, kinds)]
-    rows = np.arange(count)
     mirrors = np.argmax(part.interactions == DIFFUSE, axis=1)
     tx_point, tx_velocity = image_seen_from_tx(part.vertices, velocities, mirrors)
-    first = part.vertices[rows, mirrors]
-    # Between the first diffuse bounce and the last there may be others, or mirrors: their length is one number.
-    segments = segment_lengths(part.vertices)
-    inner = np.arange(depth + 1)[None, :]
-    between = np.where((inner > mirrors[:, None]) & (inner < depth), segments, 0.0).sum(axis=1)
-    direction = unit(part.vertices[:, -1] - first)
-    rate = dots(direction, velocities[:, -1] - velocities[rows, mirrors])
+    # Between the first diffuse bounce and the last there may be others, or mirrors: their lengths are one number. Where a
+    # mirror meets the path the length does not change along it (Fermat), so that its surface's velocity serves.
+    apart, faster = np.diff(part.vertices, axis=1), np.diff(velocities, axis=1)
+    inner = np.arange(depth - 1) >= mirrors[:, None]
+    between = np.where(inner, lengths(apart), 0.0).sum(axis=1)
+    rates = dots(unit(apart).reshape(-1, 3), faster.reshape(-1, 3)).reshape(count, depth - 1)
+    rate = np.where(inner, rates, 0.0).sum(axis=1)
     paths = ScatteredPaths(
         tx_point=tx_point,
         rx_point=part.vertices[:, -1],
