@@ -171,8 +171,9 @@ def test_targets_beyond_the_unambiguous_range_are_said(radar_file, tmp_path):
     yard = sheet("floor", (0.0, 12.0), (0.0, 8.0), flat)
     scene = Scene("yard", (yard,), tuple(PointTarget(f"at {x}", (x, 4.0, 0.5), 30.0) for x in (6.0, 40.0, 80.0)))
     here, out = [Pose((6.0, 4.0, 0.5))], tmp_path / "scene"
-    report = render(scene, out, radar=radar_file, poses=here, rays=100, effects="all")
-    assert report.counts["targets_beyond_range"] == 1
+    for effects in ("all", "auto"):
+        report = render(scene, out / effects, radar=radar_file, poses=here, rays=100, effects=effects)
+        assert report.counts["targets_beyond_range"] == 1
     lines = told(report.counts, verbose=False)
     assert "1 echo points of targets beyond the unambiguous range, left out" in lines
     assert "1 echo points of targets within 1 cm of the sensor, left out" in lines

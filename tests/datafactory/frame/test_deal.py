@@ -193,6 +193,7 @@ def test_tracks_of_different_splits_that_meet_are_told() -> None:
     deal = Deal(split="1:0:1", scenes=1, tracks=(track(5), track(5, near), track(5, far)), track_scenes=(0, 0, 0))
     assert deal.remarks() == ["sequences 0 (train) and 1 (test) come within 5.0 m of each other"]
     assert Deal(split="1:0:0", scenes=1, tracks=deal.tracks, track_scenes=(0, 0, 0)).remarks() == []
+    assert Deal(split="1:0:1", scenes=2, tracks=deal.tracks, track_scenes=(0, 1, 0)).remarks() == []
 
 
 def test_drawn_drives_that_are_slow_or_alike_are_said() -> None:

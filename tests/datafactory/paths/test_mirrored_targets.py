@@ -17,11 +17,13 @@ from oracles import mirrored, scattered_delays
 from sionna_scenes import WAVELENGTH_M, plate
 
 from datafactory.frame.measurement import object_targets
+from datafactory.paths.candidates import TARGET_SEEN
 from datafactory.paths.mirrors import points_of_reflection
 from datafactory.paths.table import SPECULAR, TARGET
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, SceneObject
 from datafactory.scenes.targets.bodies import Sphere, Trihedral
+from datafactory.scenes.targets.models import Car
 from shared.radar import Radar
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -257,6 +259,20 @@ def test_a_models_aspect_is_that_towards_the_bisector() -> None:
     twice = paths.take(paths.depth == 3)
     # Seen from the image of the radar, 0.5 m under the ground, the nearest point of the sphere.
     np.testing.assert_allclose(np.linalg.norm(twice.tx_point), np.hypot(10.0, 1.1) - 0.2, atol=1e-9)
+
+
+def test_a_part_at_the_sensor_leaves_the_others_what_they_are() -> None:
+    """Of a car's five points the first stands where the sensor is, or 2 cm below it."""
+    car = PointTarget("car", (0.0, -1.0, 0.0), 11.25, model=Car())
+    seen = []
+    for height_m, points in ((0.8, 4), (0.82, 5)):
+        paths, table = echoes([ground()], [car], Pose((0.0, 0.0, height_m)))
+        assert (table.candidates.family == TARGET_SEEN).sum() == points
+        twice = paths.take((paths.depth == 3) & (np.abs(paths.rx_point[:, 1]) > 0.5))
+        seen.append(np.column_stack([twice.rx_point, 30.0 + 2.0 * np.log10(np.abs(twice.amplitude))]))
+    at_sensor, beside = (rows[np.lexsort(np.round(rows[:, :3].T, 1))] for rows in seen)
+    assert len(at_sensor) == 4
+    np.testing.assert_allclose(at_sensor, beside, atol=0.08)
 
 
 def test_points_of_reflection_are_those_of_mirror_images(generator: np.random.Generator) -> None:

@@ -109,6 +109,13 @@ def test_a_group_is_followed_as_a_whole() -> None:
     assert NOTICE.worth(Candidates.joined([weak, strong]), limit).all()
 
 
+def test_an_echo_of_a_milliwatt_hides_no_sum_of_faint_ones() -> None:
+    """Those of the second cell are less than the limit each, and more together."""
+    limit = 1e-19
+    strong, faint = ahead(2.0, np.array([1e-3])), ahead(30.0, np.array([0.5, 0.6, 0.3]) * limit)
+    assert NOTICE.worth(Candidates.joined([strong, faint]), limit).tolist() == [True, False, True, False]
+
+
 def test_a_sensor_that_tells_no_angle_has_one_cell_a_range_bin() -> None:
     alone = AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=((0.0, 0.0, 0.0),))
     radar = RADAR.model_copy(update={"virtual_sensor": alone})
@@ -257,7 +264,7 @@ def test_chains_through_panes_are_a_group_by_itself(chained: bool) -> None:
 
 
 def test_a_corner_behind_a_pane_is_a_chain_of_the_solver() -> None:
-    """Two walls at 88 deg behind a pane: in the open they are a corner, and no chain."""
+    """Two walls at 88 deg behind a pane: in the open they are a corner, or a chain where corners are left out."""
     along = [
         np.array([np.cos(turn), np.sin(turn), 0.0]) for turn in (np.pi - np.radians(44.0), np.pi + np.radians(44.0))
     ]
@@ -265,12 +272,14 @@ def test_a_corner_behind_a_pane_is_a_chain_of_the_solver() -> None:
     sides = [np.array([edge - up, edge + 2.0 * way - up, edge + 2.0 * way + up, edge + up]) for way in along]
     corner = mesh("corner", np.concatenate(sides), [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]], "metal")
     pane = plate("pane", (5.0, 0.0, 0.0), (0.0, 3.0, 0.0), (0.0, 0.0, 3.0), "glass")
-    settings, fan = TraceSettings(rays=20_000, refraction=True, corners=True), RayFan(20_000)
+    fan = RayFan(20_000)
 
-    def families(*objects: SceneObject) -> set[int]:
+    def families(*objects: SceneObject, corners: bool = True) -> set[int]:
         merged = merge_scene(Scene("corner", objects), MATERIALS)
+        settings = TraceSettings(20_000, refraction=True, corners=corners)
         found = trace(merged, Pose((0.0, 0.3, 0.0)), 77.5e9, settings, fan, 1).candidates
         return set(found.family[found.power > 0.0].tolist())
 
     assert families(corner) & {CORNER, CHAIN, PASSED} == {CORNER}
+    assert families(corner, corners=False) & {CORNER, CHAIN, PASSED} == {CHAIN}
     assert PASSED in families(corner, pane)

@@ -243,8 +243,10 @@ def test_three_bounces_are_followed_in_all_their_orders():
     assert {group.kinds for group in scattered_twice(mirrors_off, 1)} == {two, (2, 2, 2)}
 
 
-def unfolded_m(part: Bundle, velocities: NDArray[np.float64], kinds: tuple[int, ...], time_s: float):
-    """[n] lengths of the paths when the surfaces at their bounces have moved on, mirrors as the planes that they are."""
+def unfolded_m(
+    part: Bundle, velocities: NDArray[np.float64], kinds: tuple[int, ...], time_s: float
+) -> NDArray[np.float64]:
+    """[n] lengths of the paths when the surfaces at their bounces have moved on, mirrors as planes."""
     length, last = np.zeros(len(part.vertices)), np.zeros((len(part.vertices), 3))
     normals = mirror_normals(part.vertices)
     for step, kind in enumerate(kinds):
@@ -278,7 +280,7 @@ def test_the_length_between_bounces_changes_as_their_surfaces_move(kinds):
 def test_parts_are_the_whole(depth):
     settings = replace(EVERY, rays=20_000, depth=depth, twice_share=4)
     first = first_hits(CORNER, settings, RayFan(20_000))
-    thin, rest = first.share(64)
+    thin, rest = first.share(64), first.rest(64)
     assert 0 < len(thin.ray) < len(rest.ray) / 32
     parts = zip(scattered_twice(thin, 1), scattered_twice(rest, 1), strict=True)
     for whole, (some, others) in zip(scattered_twice(first, 1), parts, strict=True):
@@ -293,7 +295,7 @@ def test_parts_are_the_whole(depth):
 def test_a_share_of_the_rays_says_what_all_would():
     first = first_hits(CANYON, replace(EVERY, rays=400_000), RayFan(400_000))
     (whole,) = scattered_twice(first, 1)
-    (some,) = scattered_twice(first.share(16)[0], 1)
+    (some,) = scattered_twice(first.share(16), 1)
     assert decibels_of(16.0 * some.power.sum() / whole.power.sum()) == pytest.approx(0.0, abs=0.5)
     few, many = (
         scattered_twice(first_hits(CANYON, replace(EVERY, rays=400_000, twice_share=n), RayFan(400_000)), 1)[0]

@@ -45,7 +45,8 @@ OFF_AXIS = Pose((0.0, 4.0, 0.0))
 
 def points(position, velocity, rcs_m2, first: int = 0) -> EchoPoints:
     """One of each target, numbered from ``first`` on; in the radar frame."""
-    return EchoPoints(position, velocity, rcs_m2, np.arange(first, first + len(position), dtype=np.int32), 0, 0)
+    target, place = np.arange(first, first + len(position), dtype=np.int32), np.zeros(len(position), dtype=np.intp)
+    return EchoPoints(position, velocity, rcs_m2, target, place, 0, 0)
 
 
 def round_corner(

@@ -63,6 +63,7 @@ def test_everything_that_makes_a_run_larger_is_counted() -> None:
         assert larger.worker_bytes > 1.05 * usual.worker_bytes
     assert load(traced=False, triangles=0).worker_bytes < usual.worker_bytes
     assert load(rendered=False).worker_bytes < usual.worker_bytes
+    assert load(traced=False, triangles=0, stored=True).worker_bytes > load(traced=False, triangles=0).worker_bytes
     assert usual.total_bytes(4) == 4 * usual.worker_bytes + usual.parent_bytes
 
 

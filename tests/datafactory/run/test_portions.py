@@ -13,6 +13,7 @@ import pytest
 from factory_command import but_made, shards
 
 from datafactory import Report, RunFailed, render
+from datafactory.defaults import IMAGE_BATCH
 from datafactory.frame.draws import split_of
 from datafactory.run import memory, pipeline, portions
 from datafactory.run.cluster import engine as cluster_engine
@@ -20,7 +21,7 @@ from datafactory.run.cluster.driver import Look, Outcome
 from datafactory.run.cluster.engine import RayPool
 from datafactory.run.portions import Engine, Rows
 from datafactory.run.progress import FOLDER, handed_over
-from datafactory.run.shards import MOST_FRAMES, PATHS, Portion, ShardPlan, plan_shards, portions_of
+from datafactory.run.shards import PATHS, Portion, ShardPlan, plan_shards, portions_of
 from shared.physics.errors import InputError
 from shared.processes.pool import LOSSES, Finished, ThisProcess
 
@@ -52,7 +53,7 @@ def test_frames_are_shared_by_all_workers(frames: int, workers: int, most: int, 
     assert [frame for portion in dealt for frame in portion.frame_ids] == [
         frame for plan in plans for frame in plan.frame_ids
     ]
-    assert max(len(portion.frame_ids) for portion in dealt) == most <= MOST_FRAMES
+    assert max(len(portion.frame_ids) for portion in dealt) == most <= IMAGE_BATCH
     assert len(dealt) == count
     left = frames
     for portion in dealt if workers > 1 else ():
@@ -84,6 +85,14 @@ def test_rows_wait_in_files_for_the_rest_of_their_shard_alone(
     monkeypatch.setattr(portions, "record_finished", lambda *_: waiting.append(len(list(out.rglob("*.arrow")))))
     made(out, radar_file)
     assert waiting == [8, 8, 1, 2, 2]
+
+
+def test_notes_that_a_killed_run_left_beside_its_manifest_go_with_the_next(radar_file: Path, tmp_path: Path) -> None:
+    made(tmp_path, radar_file)
+    (tmp_path / FOLDER).mkdir()
+    (tmp_path / FOLDER / "train-part-00000.json").write_text("{}", encoding="utf-8")
+    made(tmp_path, radar_file, resume=True)
+    assert not (tmp_path / FOLDER).exists()
 
 
 class Deadly(ThisProcess[Portion, Rows]):

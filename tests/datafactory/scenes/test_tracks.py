@@ -26,10 +26,9 @@ from datafactory.scenes.drives import (
 )
 from datafactory.scenes.ground import CLEARANCE_M, Ground, free_ground
 from datafactory.scenes.lanes import Lane
-from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
-from datafactory.scenes.tracks import Curve, nearest_m, read_track
+from datafactory.scenes.tracks import Curve, read_track
 from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError
 
@@ -121,11 +120,6 @@ def test_rates_that_are_none_are_refused() -> None:
     slow = Curve(np.array([0.0, 1e6]), np.zeros((2, 3)), np.zeros((2, 3)))
     with pytest.raises(InputError, match=r"--frame-rate: 10 Hz over 1e\+06 s is 10000001 frames; expected"):
         slow.resampled(10.0)
-
-
-def test_how_near_two_tracks_come() -> None:
-    one = [Pose((float(x), 0.0, 0.0)) for x in range(10)]
-    assert nearest_m(one, [Pose((3.0, 4.0, 0.0)), Pose((20.0, 0.0, 0.0))]) == pytest.approx(4.0)
 
 
 # --- files ------------------------------------------------------------------------------------------------------------

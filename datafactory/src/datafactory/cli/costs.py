@@ -104,8 +104,8 @@ def accuracy(asked: AccuracyOptions) -> None:
     menu = study.menu_of_study(quick, asked.rays, asked.most_rays, order.radar)
     _require_folder(out)
     set_threads(1)
-    count = min(1 if quick else asked.frames, len(order.poses) or IMAGE_BATCH)
     job = prepare(order, materials_of(asked.materials), console.print).job
+    count = min(1 if quick else asked.frames, len(job.deal))
     out.mkdir(parents=True, exist_ok=True)
     samples = [Sample(job.deal.frame(frame_id), job.scenes[0], order) for frame_id in range(count)]
     batch = 1 if quick else IMAGE_BATCH

@@ -204,7 +204,7 @@ def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
         counted = {
             **lit_cells(paths, radar),
             **boxed,
-            "targets_beyond_range": targets_beyond(traced.table, first, radar),
+            "targets_beyond_range": targets_beyond(traced.table.candidates, radar),
             **{f"{FRAMES_WITH}{name}": int(on) for name, on in effects.items()},
         }
     found = measure(frame, paths, radar, settings.processing, at, kernels_on(settings.device))

@@ -12,6 +12,7 @@ own.
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -19,6 +20,7 @@ from itertools import accumulate, combinations, groupby
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from datafactory.defaults import DEFAULT_PATTERN
@@ -31,7 +33,6 @@ from datafactory.scenes.ground import Ground, sensor_ground
 from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import DRAWN_SPEEDS, Pose, Speeds, sample_pose
 from datafactory.scenes.scene import Scene
-from datafactory.scenes.tracks import nearest_m
 from shared.dataset.folder import Split
 from shared.dataset.locations import Location
 
@@ -295,25 +296,46 @@ class Deal(Wanted):
         idle = [movers.scene for movers in self.traffic[len(self.tracks) or self.scene_frames :]]
         if idle:
             said.append(f"{len(idle)} of {self.scenes} scenes have no frame: {', '.join(idle)}")
-        for number, movers in enumerate(self.traffic):
-            poses = [pose for frame_id in self.frames_of(number) if (pose := self.pose_of(frame_id)) is not None]
+        given: list[list[Pose]] = [[] for _ in self.traffic]
+        for frame_id in range(self.scene_frames if self.traffic else 0):
+            if (pose := self.pose_of(frame_id)) is not None:
+                given[self.scene_of(frame_id)].append(pose)
+        for movers, poses in zip(self.traffic, given, strict=True):
             if late := sum(pose.time_s >= movers.rests_from_s for pose in poses):
                 from_when = f"{movers.rests_from_s:g} s, from when on what has samples rests"
                 said.append(f"{movers.scene}: {late} of {len(poses)} poses are not before {from_when}")
         said += self._remarks_on_drives()
-        for one, other in combinations(range(len(self.tracks)), 2):
-            splits = split_of(one, self.split), split_of(other, self.split)
-            if splits[0] == splits[1] or self.track_scenes[one] != self.track_scenes[other]:
-                continue
-            if (apart_m := nearest_m(self.tracks[one], self.tracks[other])) < NEIGHBOURS_M:
-                said.append(
-                    f"sequences {one} ({splits[0]}) and {other} ({splits[1]}) come within {apart_m:.1f} m of each other"
-                )
-        given = [(self.traffic[self.scene_of(n)], pose) for n, pose in enumerate(self.poses) if self.traffic]
-        near = sum(movers.populated_s is not None and not movers.clear_of([pose]) for movers, pose in given)
+        said += self._remarks_on_neighbours()
+        near = 0
+        for movers, poses in zip(self.traffic, given if self.poses else (), strict=False):
+            near += sum(movers.populated_s is not None and not movers.clear_of([pose]) for pose in poses)
         if near:
-            said.append(f"{near} of {len(given)} poses are within {CLEAR_M:g} m of what drives or walks by")
+            said.append(f"{near} of {len(self.poses)} poses are within {CLEAR_M:g} m of what drives or walks by")
         return said
+
+    def _remarks_on_neighbours(self) -> list[str]:
+        """Of each sequence those of other splits in its scene to which one of its poses comes nearest, if near."""
+        parts = defaultdict[tuple[int, Split], list[int]](list)
+        for number, scene in enumerate(self.track_scenes):
+            parts[scene, split_of(number, self.split)].append(number)
+        near = dict[tuple[int, int], float]()
+        for one, other in combinations(parts, 2):
+            if one[0] == other[0]:
+                (points, of_one), (others, of_other) = (self._places(parts[part]) for part in (one, other))
+                apart_m, index = cKDTree(points).query(others, distance_upper_bound=NEIGHBOURS_M)
+                for place in np.flatnonzero(np.isfinite(apart_m)):
+                    first, second = sorted((int(of_one[index[place]]), int(of_other[place])))
+                    near[first, second] = min(float(apart_m[place]), near.get((first, second), np.inf))
+        return [
+            f"sequences {one} ({split_of(one, self.split)}) and {other} ({split_of(other, self.split)}) come within "
+            f"{near[one, other]:.1f} m of each other"
+            for one, other in sorted(near)
+        ]
+
+    def _places(self, sequences: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+        """[P, 3] where the sequences' poses stand [m], and [P] of which sequence each is."""
+        places = [pose.position for number in sequences for pose in self.tracks[number]]
+        return np.array(places), np.repeat(sequences, [len(self.tracks[number]) for number in sequences])
 
     def _remarks_on_drives(self) -> list[str]:
         """What to say of drawn drives whose streets are too short for their speed, or few."""

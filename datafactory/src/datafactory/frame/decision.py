@@ -186,7 +186,7 @@ class Decided:
         return Decided(limit, notice.worth(table.candidates, limit))
 
     def kept(self, table: PathTable) -> PathTable:
-        """The table without the paths that are not followed: of a frame traced for this radar there are none."""
+        """The table without the paths that are not followed, of a frame traced for this radar those beyond panes."""
         panes = bool(self.worth[table.candidates.family == PANE].any())
 
         def kept(candidate: NDArray[np.int32], kinds: NDArray[np.uint8]) -> NDArray[np.bool_]:

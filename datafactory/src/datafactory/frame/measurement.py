@@ -18,7 +18,8 @@ from scipy.ndimage import maximum_filter
 
 from datafactory.frame.draws import generator
 from datafactory.frame.points import target_list
-from datafactory.paths.table import PathTable, ScatteredPaths
+from datafactory.paths.candidates import TARGET_SEEN, Candidates
+from datafactory.paths.table import PathTable
 from datafactory.scenes.boxes import SeenThing
 from datafactory.scenes.motion import triple
 from datafactory.synthesis.cube import ON_CPU, Kernels
@@ -135,7 +136,7 @@ def _as_it_moves(paths: PathTable, radar: Radar, processing: Processing) -> Path
 def image(
     measurements: Sequence[Measurement], radar: Radar, at: Hook = plainly
 ) -> Iterator[tuple[Frame, Counter[str]]]:
-    """Frames of at most IMAGE_BATCH measurements, with the counts of each."""
+    """Frames of measurements, with the counts of each."""
     moments = np.stack([measurement.moments for measurement in measurements])
     images = at("image", near_field_images, moments, radar, radar.virtual_sensor)
     for measurement, picture in zip(measurements, images, strict=True):
@@ -152,8 +153,9 @@ def image(
 
 
 def object_targets(paths: PathTable, first_object: int, radar: Radar) -> tuple[Target, ...]:
-    """The point targets among illuminated paths: those that scatter off objects from ``first_object`` on."""
-    chosen = paths.scattered.take(_of_targets(paths.scattered, first_object))
+    """The point targets among illuminated paths: the direct echoes off objects from ``first_object`` on."""
+    scattered = paths.scattered
+    chosen = scattered.take((scattered.object_index >= first_object) & (scattered.depth == 1))
     return target_list(
         chosen.rx_point,
         chosen.rx_velocity,
@@ -163,15 +165,10 @@ def object_targets(paths: PathTable, first_object: int, radar: Radar) -> tuple[T
     )
 
 
-def targets_beyond(paths: PathTable, first_object: int, radar: Radar) -> int:
-    """How many echo points of point targets, see :func:`object_targets`, lie beyond the unambiguous range."""
-    beyond = paths.scattered.range_m() >= radar.waveform.unambiguous_range_m
-    return int(np.count_nonzero(beyond & _of_targets(paths.scattered, first_object)))
-
-
-def _of_targets(scattered: ScatteredPaths, first_object: int) -> NDArray[np.bool_]:
-    """[K] the direct echoes off objects from ``first_object`` on."""
-    return (scattered.object_index >= first_object) & (scattered.depth == 1)
+def targets_beyond(candidates: Candidates, radar: Radar) -> int:
+    """How many echo points of point targets, in sight or not, lie beyond the unambiguous range."""
+    echo_point = (candidates.family == TARGET_SEEN) & (candidates.power > 0.0)
+    return int(np.count_nonzero(echo_point & (candidates.range_m >= radar.waveform.unambiguous_range_m)))
 
 
 def detected_cells(magnitude: NDArray[np.float32], noise_power: float) -> NDArray[np.bool_]:

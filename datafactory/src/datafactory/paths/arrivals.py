@@ -74,10 +74,13 @@ class Arrivals(Columns):
         waves, ratio, ray = departing.arrived(index, hits), self.ratio[index], self.ray[index]
         return replace(self, waves=waves, hits=hits, ratio=ratio, ray=ray, kinds=kinds), index
 
-    def share(self, each: int) -> tuple[Arrivals, Arrivals]:
-        """Every ``each``-th ray of the fan, and the others; what is found from both is what is found from all."""
-        chosen = self.ray % each == 0
-        return self.take(chosen), self.take(~chosen)
+    def share(self, each: int) -> Arrivals:
+        """Those of every ``each``-th ray of the fan."""
+        return self.take(self.ray % each == 0)
+
+    def rest(self, each: int) -> Arrivals:
+        """Those that are not in the share: what is found from both is what is found from all."""
+        return self.take(self.ray % each != 0)
 
     def onward(self, direction: Real, field: Complex, kind: int) -> Arrivals:
         """Where those waves arrive next that leave in ``direction`` [n, 3], unit, with ``field`` [n, 3], not zero."""

@@ -122,12 +122,13 @@ class FaceOrder:
     reach: Real
     beyond: Real
 
-    @property
+    @cached_property
     def bend(self) -> tuple[Real, Real, Real]:
         """[K] h sin(phi), h sin(phi + psi), sin(psi)."""
         h, phi, psi = self.height, self.angle, self.opening
         return h * np.sin(phi), h * np.sin(phi + psi), np.sin(psi)
 
+    @cached_property
     def end(self) -> Real:
         """[K] how far from the edge the second face is lit by the first [m]."""
         first, second = self.reach.T
@@ -148,12 +149,12 @@ class FaceOrder:
     def beam(self, wavelength_m: float) -> Real:
         """[K, ACROSS] b at the middles of the pieces of the aperture in which sight is tested [m]."""
         zone = np.sqrt(0.5 * wavelength_m * self.height) / np.maximum(np.cos(self.angle), 0.01)
-        return np.minimum(self.end(), BEAM_ZONES * zone)[:, None] * (np.arange(ACROSS) + 0.5) / ACROSS
+        return np.minimum(self.end, BEAM_ZONES * zone)[:, None] * (np.arange(ACROSS) + 0.5) / ACROSS
 
     def pieces_across(self, wavelength_m: float) -> Complex:
         """[K, ACROSS] F across of the pieces of the aperture."""
         middle = self.beam(wavelength_m)
-        begin, end = np.zeros((len(middle), 1)), self.end()[:, None]
+        begin, end = np.zeros((len(middle), 1)), self.end[:, None]
         b = np.concatenate([begin, middle[:, :-1] + middle[:, :1], end], axis=1)
         side = np.sign(b * np.cos(self.angle)[:, None] - (self.height * np.cos(self.opening))[:, None])
         longer = self.longer(b)
@@ -221,7 +222,7 @@ class Apertures:
 
     def widths_across(self) -> Real:
         """v [C] from the edge to the aperture's narrower end, weighted with the cells' shares."""
-        ends = [one.longer(one.end()[:, None])[:, 0] for one in self.orders]
+        ends = [one.longer(one.end[:, None])[:, 0] for one in self.orders]
         v = np.sqrt(4.0 * np.minimum(*ends) / self.wavelength_m)
         weight, count = np.abs(self.cells.shares_along(self.wavelength_m)), len(self.number)
         total = np.bincount(self.cells.corner, weight, count)

@@ -22,7 +22,7 @@ class EchoPoints(Columns):
 
     :param position: [K, 3] [m]; :param velocity: [K, 3] [m/s], both of the world until :meth:`seen_by`
     :param rcs_m2: [K] radar cross sections towards the radar [m^2], above 0; 0 of silent points that were asked for
-    :param target: [K] index of the target that each belongs to, rising
+    :param target: [K] index of the target that each belongs to, rising; :param place: [K] which of its points it is
     :param silent: echo points that have no echo in this direction, e.g. a trihedral's from behind
     :param near: targets nearer than the smallest distance at which their model holds
     """
@@ -31,6 +31,7 @@ class EchoPoints(Columns):
     velocity: Real
     rcs_m2: Real
     target: NDArray[np.int32]
+    place: NDArray[np.intp]
     silent: int = field(metadata=WHOLE)
     near: int = field(metadata=WHOLE)
 
@@ -96,7 +97,7 @@ def seen_from(target: PointTarget, index: int, radar_position: Sequence[float] |
     if any(target.spin):
         velocity += np.cross(np.array(target.spin), points - origin)
     owner = np.full(len(points), index, dtype=np.int32)
-    return EchoPoints(points, velocity, values, owner, int((values <= 0.0).sum()), near)
+    return EchoPoints(points, velocity, values, owner, np.arange(len(points)), int((values <= 0.0).sum()), near)
 
 
 def all_echo_points(targets: Sequence[PointTarget], radar_position: Sequence[float], seen: Seen) -> EchoPoints:
@@ -104,6 +105,8 @@ def all_echo_points(targets: Sequence[PointTarget], radar_position: Sequence[flo
 
     :param radar_position: [3] world [m]
     """
-    none = EchoPoints(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int32), 0, 0)
+    none = EchoPoints(
+        np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int32), np.zeros(0, np.intp), 0, 0
+    )
     parts = [none, *(seen_from(target, index, radar_position, seen) for index, target in enumerate(targets))]
     return EchoPoints.joined(parts, silent=sum(part.silent for part in parts), near=sum(part.near for part in parts))

@@ -125,8 +125,7 @@ def _seen_along(view: View, direct: DirectWays, ways: Ways, out: Index, back: In
     """The echo points as ways out and back [n] see them together, in the radar frame, and which of the pairs [n] are
     near enough to each other; the points are of these alone."""
     number = ways.point[out]
-    target = direct.points.target[number].astype(np.int64)
-    place = number - np.searchsorted(direct.points.target, target)  # which of the target's points
+    target, place = direct.points.target[number].astype(np.int64), direct.points.place[number]
     key = np.stack([target, *np.sort([ways.triangle[out], ways.triangle[back]], axis=0)], axis=1)
     keys, which = np.unique(key, axis=0, return_inverse=True)
     images = np.asarray(view.pose.position, dtype=np.float64) + ways.image(np.zeros(3)) @ view.rotation.T

@@ -23,6 +23,7 @@ import numpy as np
 from datafactory.paths.candidates import GROUPS, Candidates
 from datafactory.paths.cells import cell_numbers, cell_power
 from datafactory.paths.table import DIFFUSE, SPECULAR, PathTable, ScatteredPaths, SpecularPaths, amplitude_gain
+from shared.physics.compiled import compiled
 from shared.physics.units import db_to_power
 from shared.physics.vectors import Mask, Real
 from shared.processes.defaults import TRUTH_WINDOW
@@ -102,17 +103,28 @@ class Notice:
             candidates.range_m.astype(np.float64), candidates.arrival.astype(np.float64), self.radar, self.truth_window
         )
         cell = row * columns + column
-        order = np.lexsort((power, cell))
-        total = np.cumsum(power[order])
-        begins = np.concatenate([[True], np.diff(cell[order]) != 0])
-        before = (total - power[order])[begins][np.cumsum(begins) - 1]
-        worth = np.ones(len(power), dtype=bool)
-        worth[order] = total - before > limit_w
-        worth &= power > 0.0
+        worth = _exceeds(cell, power, np.lexsort((power, cell)), limit_w)
         for group in GROUPS:
             members = candidates.family == group
             worth[members] = worth[members].any()
         return worth
+
+
+@compiled()
+def _exceeds(cell, power, order, limit_w):
+    """[N] whether a candidate and the weaker ones of its cell hold more than the limit together.
+
+    A cell's sum begins anew: beside a candidate of 1 mW, a sum over all cells would round by as much as the noise.
+
+    :param order: [N] of the candidates by cell, and in each by power
+    """
+    worth = np.zeros(len(cell), dtype=np.bool_)
+    total, before = 0.0, -1
+    for index in order:
+        total = power[index] + (total if cell[index] == before else 0.0)
+        before = cell[index]
+        worth[index] = power[index] > 0.0 and total > limit_w
+    return worth
 
 
 def first_echoes(table: PathTable) -> PathTable:

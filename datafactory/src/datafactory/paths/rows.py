@@ -86,8 +86,8 @@ def scattered_rows(part: Bundle, view: View, fan: RayFan) -> list[ScatteredPaths
         return [ScatteredPaths.of_points(part.vertices[:, 0], velocities[:, 0], amplitude, owner, kinds)]
     mirrors = np.argmax(part.interactions == DIFFUSE, axis=1)
     tx_point, tx_velocity = image_seen_from_tx(part.vertices, velocities, mirrors)
-    # Between the first diffuse bounce and the last there may be others, or mirrors: their lengths are one number. Where a
-    # mirror meets the path the length does not change along it (Fermat), so that its surface's velocity serves.
+    # Between the first diffuse bounce and the last there may be others, or mirrors: their lengths are one number. Along
+    # a mirror the point of reflection does not change it (Fermat), so that its surface's velocity there serves.
     apart, faster = np.diff(part.vertices, axis=1), np.diff(velocities, axis=1)
     inner = np.arange(depth - 1) >= mirrors[:, None]
     between = np.where(inner, lengths(apart), 0.0).sum(axis=1)

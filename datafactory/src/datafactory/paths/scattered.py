@@ -68,11 +68,15 @@ def over_mirrors(first: Arrivals) -> list[Echoes]:
 
     :param first: where the frame's rays meet their first surfaces, or a share of them
     """
-    echoes, arrivals = list[Echoes](), first
-    while first.view.settings.specular and len(arrivals.kinds) + 1 < first.view.settings.depth:
-        arrivals = arrivals.reflected()
-        echoes.append(arrivals.echoes())
-    return echoes
+    return [arrivals.echoes() for arrivals in _reflected(first, first.view.settings.depth - 1)]
+
+
+def _reflected(first: Arrivals, most: int) -> list[Arrivals]:
+    """Where waves arrive after one mirror, after two, ``most`` at most; empty where there are no mirrors."""
+    found = [first]
+    for _ in range(most if first.view.settings.specular else 0):
+        found.append(found[-1].reflected())
+    return found[1:]
 
 
 def through_panes(arrivals: Arrivals) -> tuple[Arrivals, Hits]:
@@ -112,7 +116,7 @@ def scattered_twice(first: Arrivals, seed: int) -> list[Echoes]:
     """
     settings, rays = first.view.settings, round(first.rays)
     each = max(min(settings.twice_share, rays // LEAST_RAYS), 1)
-    followed = replace(first.share(each)[0], rays=first.rays / each)
+    followed = replace(first.share(each), rays=first.rays / each)
     echoes, front = list[Echoes](), [followed]
     for bounce in range(1, settings.depth):
         following = list[Arrivals]()
@@ -177,9 +181,10 @@ class SecondBounces:
     """
 
     def __init__(self, first: Arrivals, seed: int) -> None:
-        self._each = max(min(THINNEST, len(first.ray) // THIN_RAYS), 1)
-        self._thin, self._rest = first.share(self._each)
-        self._mirrored, self._twice = over_mirrors(self._thin), scattered_twice(first, seed)
+        self._first, self._each = first, max(min(THINNEST, len(first.ray) // THIN_RAYS), 1)
+        self._thin = first.share(self._each)
+        self._reflected, self._twice = _reflected(self._thin, LARGEST_DEPTH - 1), scattered_twice(first, seed)
+        self._mirrored = [arrivals.echoes() for arrivals in self._reflected[: first.view.settings.depth - 1]]
 
     def candidates(self, panes: bool) -> dict[int, Candidates]:
         """Of each group.
@@ -195,28 +200,27 @@ class SecondBounces:
         }
 
     def _chains(self, panes: bool) -> dict[int, Candidates]:
-        arrivals, view = self._thin, self._thin.view
+        view = self._thin.view
         found: dict[int, list[Index]] = {CHAIN: [], PASSED: []}
-        if not view.settings.specular:
+        if not self._reflected:
             return dict.fromkeys(found, Candidates.none())
-        passed = [through_panes(arrivals)[0]] if panes else []
-        for mirrors in range(1, LARGEST_DEPTH):
-            arrivals = arrivals.reflected()
+        passed = [through_panes(self._thin)[0]] if panes else []
+        for mirrors, arrivals in enumerate(self._reflected, start=1):
             found[CHAIN].append(_met(arrivals))
             if panes and mirrors < view.settings.depth:
                 passed = [beyond.reflected() for beyond in passed]
                 passed += [through_panes(before)[0] for before in (arrivals, *passed)]
                 found[PASSED] += map(_met, passed)
-        corners = {CHAIN: corners_of(view.merged), PASSED: None}
+        corners = {CHAIN: corners_of(view.merged) if view.settings.corners else None, PASSED: None}
         return {family: chain_candidates(family, met, view, corners[family]) for family, met in found.items()}
 
     def echoes(self, group: int) -> list[Echoes]:
         """All echoes of a group, by the kinds of bounce."""
         if group == TWICE:
             return self._twice
-        if not len(self._rest.ray):
+        if self._each == 1:
             return self._mirrored
-        both = zip(self._mirrored, over_mirrors(self._rest), strict=True)
+        both = zip(self._mirrored, over_mirrors(self._first.rest(self._each)), strict=True)
         return [Echoes.joined(parts).by_ray() for parts in both]
 
 

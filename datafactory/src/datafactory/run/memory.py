@@ -15,10 +15,10 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from datafactory.defaults import CPU, CUDA
+from datafactory.defaults import CPU, CUDA, IMAGE_BATCH
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.measurement import Processing
-from datafactory.run.shards import FRAMES_PER_SHARD, MOST_FRAMES
+from datafactory.run.shards import FRAMES_PER_SHARD
 from shared.dataset import description, row_bytes
 from shared.dataset.folder import SPLITS
 from shared.dataset.locations import Location, RemotePath, file_size
@@ -67,7 +67,7 @@ class Load:
     :param triangles: of all its scenes
     :param traced: whether scenes are traced
     :param rendered: whether cubes are made; paths alone otherwise
-    :param stored_rays: of the frames whose paths were traced before; 0 without such
+    :param stored: whether paths were traced before, as the settings say
     """
 
     radar: Radar
@@ -75,7 +75,7 @@ class Load:
     triangles: int = 0
     traced: bool = False
     rendered: bool = True
-    stored_rays: int = 0
+    stored: bool = False
 
     @property
     def worker_bytes(self) -> float:
@@ -98,8 +98,8 @@ class Load:
 
     @property
     def _ray_bytes(self) -> float:
-        rays = self.settings.trace.rays if self.traced else self.stored_rays
-        return RAY_BYTES[self.settings.trace.depth] * rays
+        trace = self.settings.trace
+        return RAY_BYTES[trace.depth] * trace.rays if self.traced or self.stored else 0.0
 
     @property
     def _keeps_cubes(self) -> bool:
@@ -119,7 +119,7 @@ class Load:
         image = 8.0 * waveform.range_bins * grid.bins
         kept = moments + image + (KEPT_CUBES * cube if self._keeps_cubes else 0.0)
         matrices = 8.0 * processing.truth_terms * grid.bins * elements
-        return CUBES * cube + MOST_FRAMES * kept + matrices
+        return CUBES * cube + IMAGE_BATCH * kept + matrices
 
 
 def workers_for(load: Load, asked: int, announce: Announce = silent) -> int:
@@ -163,7 +163,7 @@ def most_workers(load: Load, limit: float) -> int:
 def rays_that_fit(load: Load, limit: float) -> int:
     """How many rays a frame may have for one worker to fit into so many bytes; 0 or less for none."""
     trace = load.settings.trace
-    without = replace(load, settings=replace(load.settings, trace=replace(trace, rays=0)), stored_rays=0)
+    without = replace(load, settings=replace(load.settings, trace=replace(trace, rays=0)))
     of_ray = (load.total_bytes(1) - without.total_bytes(1)) / max(trace.rays, 1)
     return int((limit - without.total_bytes(1)) / of_ray)
 

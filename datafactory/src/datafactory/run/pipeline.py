@@ -112,7 +112,8 @@ def produce(recipe: Recipe, execution: Execution, started: float) -> Report:
         deal_out(
             portions, pool, made, execution.keep_going, lambda left: execution.advance("frames", frames - left, frames)
         )
-    finished = [(earlier.shards | made.shards)[plan] for plan in plans]
+    every = earlier.shards | made.shards
+    finished = [every[plan] for plan in plans]
     counts = total_counts(finished)
     if execution.job is not None:
         split = None if job.paths_alone else job.deal.split

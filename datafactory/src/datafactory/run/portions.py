@@ -47,10 +47,9 @@ class Job:
 
     :param deal: which frame is which
     :param scenes: those that are traced; none where paths were traced before
-    :param settings: of point frames; :param of_scenes: of scene frames
+    :param settings: of point frames; :param of_scenes: of scene frames, those of their trace where it was before
     :param schema_message: Arrow's schema message; a pickled :class:`pyarrow.Schema` forgets that the elements of its
         lists are never null, which would cost every reader a quarter of its time
-    :param stored_rays: of a frame whose paths were traced before; 0 without such
     :param paths_alone: whether the rows are traced paths; otherwise frames
     """
 
@@ -60,14 +59,13 @@ class Job:
     settings: ChainSettings
     of_scenes: ChainSettings
     schema_message: bytes
-    stored_rays: int
     paths_alone: bool
 
     @property
     def load(self) -> Load:
         """What decides over the memory of a process that makes its frames."""
-        triangles = sum(scene.triangles for scene in self.scenes)
-        return Load(self.radar, self.settings, triangles, bool(self.scenes), not self.paths_alone, self.stored_rays)
+        triangles, stored = sum(scene.triangles for scene in self.scenes), bool(self.deal.stored)
+        return Load(self.radar, self.of_scenes, triangles, bool(self.scenes), not self.paths_alone, stored)
 
     @property
     def schema(self) -> pa.Schema:
@@ -255,7 +253,7 @@ def deal_out(
 ) -> None:
     """Have the portions made, and their shards written.
 
-    :param pool: that works on them, see :mod:`datafactory.run.portions`
+    :param pool: that works on them, see :mod:`shared.processes.pool`
     :param keep_going: finish the other shards where three processes died of a portion
     :param advance: takes frames that are left
     :raises RunFailed: three processes died of a portion

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, fields, replace
 from importlib.metadata import version
 from typing import Any
 
-from pydantic import BaseModel, TypeAdapter
+from pydantic import BaseModel, Field, TypeAdapter
 
-from datafactory.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN, DEFAULT_RAYS
+from datafactory.defaults import DEFAULT_BUDGET_DB, DEFAULT_DEPTH, DEFAULT_PATTERN, DEFAULT_RAYS, LARGEST_DEPTH
 from datafactory.effects.catalogue import ALL, NO_CHOICE, PATH_EFFECTS, EffectSet
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.deal import PreparedScene, StoredRow, Wanted, dealt
@@ -44,6 +44,7 @@ class _Radar(BaseModel):
 
 class _Trace(BaseModel):
     rays: int = DEFAULT_RAYS
+    depth: int = Field(DEFAULT_DEPTH, ge=1, le=LARGEST_DEPTH)
 
 
 class _Arguments(BaseModel):
@@ -208,8 +209,11 @@ def prepare(order: Order, table: MaterialTable, announce: Announce = silent) -> 
     for said in deal.remarks():
         announce(said)
     plans = plan_shards((PATHS,) * len(deal) if order.paths_alone else deal.splits())
-    traced = order.traced
+    traced, of_scenes = order.traced, order.of_scenes
     entries = list(map(_entry, opened, scenes)) if traced is None else traced.scenes
+    if traced is not None:
+        before = traced.arguments.trace
+        of_scenes = replace(of_scenes, trace=replace(of_scenes.trace, rays=before.rays, depth=before.depth))
     about, schema, processing = dict[str, Any](), paths_schema(), order.settings.processing
     if not order.paths_alone:
         conventions = _conventions(order.radar, processing.truth_window)
@@ -220,9 +224,8 @@ def prepare(order: Order, table: MaterialTable, announce: Announce = silent) -> 
         deal=deal,
         scenes=scenes,
         settings=order.settings,
-        of_scenes=order.of_scenes,
+        of_scenes=of_scenes,
         schema_message=schema.serialize().to_pybytes(),
-        stored_rays=0 if traced is None else traced.arguments.trace.rays,
         paths_alone=order.paths_alone,
     )
     stated = {name: about[name] for name in STATED if name in about}

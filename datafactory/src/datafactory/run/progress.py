@@ -99,6 +99,7 @@ def begin(directory: Location, arguments: Mapping[str, Any], resume: bool) -> bo
         manifest = read_manifest(directory)
         _same_arguments(directory / MANIFEST, directory, manifest.get("arguments"), arguments)
         _require_shards(directory, shard_records(directory / MANIFEST, manifest))
+        _remove_notes(directory, manifest)  # it may have been killed before it did
         return True
     if file_size(progress / ARGUMENTS) is not None:
         before = read_json(progress / ARGUMENTS, "an unfinished run; start again in a new folder")
@@ -179,18 +180,22 @@ def _finished(directory: Location, plan: ShardPlan, fingerprint: str) -> Finishe
 
 
 def finish(directory: Location, manifest: Mapping[str, Any]) -> Location:
-    """Write the card of a dataset that holds frames and the manifest, which makes it complete, and remove the notes,
-    but those of a job of an array, which its merge reads.
+    """Write the card of a dataset that holds frames and the manifest, which makes it complete, and remove the notes.
 
     :returns: the manifest's path
     """
     if "shapes" in manifest and manifest["shards"]:
         write_text(directory / CARD, card(manifest))
     path = write_manifest(directory, manifest)
-    if ENTRY not in manifest:
-        remove_folder(directory / FOLDER)
+    _remove_notes(directory, manifest)
     remove_partial(directory)
     return path
+
+
+def _remove_notes(directory: Location, manifest: Mapping[str, Any]) -> None:
+    """Of a finished dataset, but those of a job of an array, which its merge reads."""
+    if ENTRY not in manifest:
+        remove_folder(directory / FOLDER)
 
 
 def _note(directory: Location, plan: ShardPlan) -> Location:

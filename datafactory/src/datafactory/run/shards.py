@@ -23,7 +23,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, Field
 
-from datafactory.defaults import CPU
+from datafactory.defaults import CPU, IMAGE_BATCH
 from datafactory.frame.draws import split_of
 from datafactory.paths.backend import cuda_device
 from shared.dataset import Frame, to_record_batch
@@ -36,8 +36,6 @@ from shared.physics.errors import InputError
 FRAMES_PER_SHARD = 8
 """Frames in a full shard: 12 MB for the default radar, 400 MB with its cubes; what is not whole a killed run loses."""
 
-MOST_FRAMES = 8
-"""Of a portion: their images share matrices, which cost as much as eight images."""
 PORTIONS_A_WORKER = 2
 """Of a portion's size that are left for each when it is cut: with fewer they wait for the last one, with more single
 frames make their matrices alone."""
@@ -119,7 +117,7 @@ def portions_of(plans: Sequence[ShardPlan], workers: int) -> tuple[Portion, ...]
     for plan in plans:
         rest = plan.frame_ids
         while rest:
-            most = min(max(left // (PORTIONS_A_WORKER * workers), 1), MOST_FRAMES)
+            most = min(max(left // (PORTIONS_A_WORKER * workers), 1), IMAGE_BATCH)
             size = -(-len(rest) // -(-len(rest) // most))  # 4 and 4 of 8 frames rather than 7 and 1
             portions.append(Portion(plan, rest[:size]))
             rest = rest[size:]

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -105,14 +104,6 @@ def require_rate(rate_hz: float) -> None:
 def pose_of(time_s: float, position: Real, angles_deg: Real, velocity: Real) -> Pose:
     """A pose of plain numbers."""
     return Pose(triple(position), *triple(angles_deg), triple(velocity), float(time_s))
-
-
-def nearest_m(one: Sequence[Pose], other: Sequence[Pose]) -> float:
-    """Smallest distance between a pose of one track and one of another [m]."""
-    from scipy.spatial import cKDTree
-
-    distance, _ = cKDTree([pose.position for pose in one]).query([pose.position for pose in other])
-    return float(distance.min())
 
 
 class _Line(BaseModel, extra="forbid"):

@@ -169,9 +169,10 @@ def _fill_rows(
     grid = workspace[: int(np.prod(shape))].reshape(shape)
     products = np.empty((len(cell.rows), 2 * terms, 2 * BLOCK), dtype=np.float32)
     turn = np.exp(-2j * np.pi * cell.frequency * (waveform.chirps // 2) / waveform.chirps).astype(np.complex64)
+    all_rx = array.rx
     for first in range(0, array.channels, BLOCK):
         block = slice(first, min(first + BLOCK, array.channels))
-        rx = array.rx[block]
+        rx = all_rx[block]
         centre = 0.5 * (rx[0] + rx[-1])
         elements = np.concatenate([rx, np.repeat(rx[-1:], BLOCK - len(rx), axis=0)]) - centre
         grid[cell.needed] = 0.0
