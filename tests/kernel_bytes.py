@@ -100,10 +100,10 @@ def truth() -> Arrays:
             mid_frame.MidFrame(
                 draw.uniform((10.0, -10.0, -10.0), (30.0, 10.0, 10.0), (PATHS, 3)),
                 draw.uniform(-3.0, 3.0, (PATHS, 3)), draw.uniform(5.0, 20.0, PATHS), draw.uniform(-3.0, 3.0, PATHS),
-                draw.uniform(-0.05, 0.05, PATHS), none, none, amplitude, none,
+                draw.uniform(-0.05, 0.05, PATHS), none, none, amplitude, none, none,
             ),
-            np.full(PATHS, count), (places, CENTRE),
-            doppler_moments.Frame(3.0, 128.0, 0.01, REFERENCE_HZ, BANDWIDTH_HZ, 1e-5, 0.013),
+            np.full(PATHS, count), np.arange(PATHS) % 5 == 0, (places, CENTRE),
+            doppler_moments.Frame(3.0, 0.0, 128.0, 0.01, REFERENCE_HZ, BANDWIDTH_HZ, 1e-5, 0.013),
             np.ones(cells, dtype=bool), (-2, -6.0, response), doppler_moments.BINOMIAL, grid,
         )  # fmt: skip
         yield grid
@@ -115,7 +115,7 @@ def seen() -> Arrays:
     bins, power = np.sort(draw.uniform(0.0, 1024.0, count)), 10.0 ** draw.uniform(-9.0, 0.0, count)
     doppler, slack, rows = draw.uniform(-100.0, 100.0, count), draw.uniform(0.0, 1.0, count), draw.integers(0, 128, 630)
     result = np.zeros((128, count), dtype=bool)
-    mid_frame._mark_seen(bins, doppler, slack, power, rows, 12.0, 1024.0, result)
+    mid_frame._mark_seen(bins, doppler, slack, np.zeros(count), power, rows, 12.0, 1024.0, result)
     yield result
 
 

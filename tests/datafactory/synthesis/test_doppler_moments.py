@@ -17,8 +17,8 @@ from datafactory.synthesis.doppler_moments import (
     Frame,
     add_doppler_moments,
 )
+from datafactory.synthesis.expansions import doppler_table
 from datafactory.synthesis.mid_frame import DOPPLER_REACH, LEVELS, NEGLECTED, ROW_REACH, MidFrame, seen_paths
-from datafactory.synthesis.truth import doppler_table
 from shared.radar import Radar
 from shared.radar.waveform import Waveform
 
@@ -60,10 +60,10 @@ def seen(drawn) -> MidFrame:
     """Drawn paths; what the kernel does not read of them is 0."""
     point, velocity, tx_length, tx_rate, curvature, amplitude = drawn
     none = np.zeros(len(amplitude))
-    return MidFrame(point, velocity, tx_length, tx_rate, curvature, none, none, amplitude, none)
+    return MidFrame(point, velocity, tx_length, tx_rate, curvature, none, none, amplitude, none, none)
 
 
-def reference(table, terms, needed, lead, drawn) -> np.ndarray:
+def reference(table, terms, needed, lead, drawn, nu) -> np.ndarray:
     """[CELLS, terms, SHIFT_TERMS, BLOCK] by the equations of the module, every element by itself."""
     lowest_q, lowest_delta, responses = table
     grid = np.zeros((CELLS, responses.shape[2], SHIFT_TERMS, BLOCK), dtype=np.complex128)
@@ -75,13 +75,14 @@ def reference(table, terms, needed, lead, drawn) -> np.ndarray:
         total = per_metre * FRAME_S * (tx_rate + rate)
         ranged = bins * (tx_length + leg + lead * (tx_rate + rate))
         cell = int(np.floor(ranged[0] * CELLS_PER_BIN + 0.5))
-        delta = total[0] - FREQUENCY
+        scaled = (1.0 + KAPPA * nu) * total
+        delta = scaled[0] - FREQUENCY
         delta -= CHIRPS * np.floor(delta / CHIRPS + 0.5)
         node = int(np.floor((delta - lowest_delta) / DELTA_STEP + 0.5))
         if not needed[cell % CELLS]:
             continue
         response = responses[int(np.floor(curvature / CURVATURE_STEP + 0.5)) - lowest_q, node]
-        departure = total[1:] - (total[0] - delta + lowest_delta + node * DELTA_STEP)
+        departure = scaled[1:] - (scaled[0] - delta + lowest_delta + node * DELTA_STEP)
         shift = ranged[1:] - cell / CELLS_PER_BIN
         echo = amplitude * np.exp(2j * np.pi * per_metre * (tx_length + leg[1:]))
         for j in range(count):
@@ -91,19 +92,23 @@ def reference(table, terms, needed, lead, drawn) -> np.ndarray:
     return grid
 
 
-@pytest.mark.parametrize(("lead", "nearest_m"), [(0.0, 0.3), (40e-6, 0.3), (0.0, 5.0)])
+@pytest.mark.parametrize(
+    ("lead", "nearest_m", "nu"), [(0.0, 0.3, 0.0), (40e-6, 0.3, 0.0), (0.0, 5.0, 0.0), (0.0, 5.0, 0.375)]
+)
 @pytest.mark.parametrize("most", [1, 9])
-def test_moments_are_those_of_the_equations(most, lead, nearest_m):
+def test_moments_are_those_of_the_equations(most, lead, nearest_m, nu):
     drawn = paths(40, nearest_m)
     terms = np.random.default_rng(3).integers(1, most + 1, 40)
     terms[0] = most
     table = doppler_table(drawn[4], int(CHIRPS), most)
     needed = np.random.default_rng(4).random(CELLS) < 0.8
     grid = np.zeros((CELLS, most * SHIFT_TERMS * 2 * BLOCK), dtype=np.float32)
-    frame = Frame(FREQUENCY, CHIRPS, FRAME_S, REFERENCE_HZ, BANDWIDTH_HZ, lead, KAPPA)
-    add_doppler_moments(seen(drawn), terms, (elements(), CENTRE), frame, needed, table, BINOMIAL, grid)
+    frame = Frame(FREQUENCY, nu, CHIRPS, FRAME_S, REFERENCE_HZ, BANDWIDTH_HZ, lead, KAPPA)
+    add_doppler_moments(
+        seen(drawn), terms, np.zeros(40, bool), (elements(), CENTRE), frame, needed, table, BINOMIAL, grid
+    )
     made = grid.reshape(CELLS, most, SHIFT_TERMS, 2, BLOCK)
-    expected = reference(table, terms, needed, lead, drawn)
+    expected = reference(table, terms, needed, lead, drawn, nu)
     assert np.abs(made[..., 0, :] + 1j * made[..., 1, :] - expected).max() < ROUNDING * np.abs(expected).max()
     assert np.abs(expected).max() > 0.0
 
@@ -113,8 +118,10 @@ def test_paths_outside_the_table_and_the_cells_add_nothing():
     table = doppler_table(drawn[4], int(CHIRPS), 2)
     grid = np.zeros((CELLS, 2 * SHIFT_TERMS * 2 * BLOCK), dtype=np.float32)
     for frequency, needed in ((FREQUENCY + 64.0, np.ones(CELLS, bool)), (FREQUENCY, np.zeros(CELLS, bool))):
-        frame = Frame(frequency, CHIRPS, FRAME_S, REFERENCE_HZ, BANDWIDTH_HZ, 0.0, KAPPA)
-        add_doppler_moments(seen(drawn), np.full(20, 2), (elements(), CENTRE), frame, needed, table, BINOMIAL, grid)
+        frame = Frame(frequency, 0.0, CHIRPS, FRAME_S, REFERENCE_HZ, BANDWIDTH_HZ, 0.0, KAPPA)
+        add_doppler_moments(
+            seen(drawn), np.full(20, 2), np.zeros(20, bool), (elements(), CENTRE), frame, needed, table, BINOMIAL, grid
+        )
     assert not grid.any()
 
 
@@ -128,7 +135,8 @@ def mid_frame(generator: np.random.Generator, count: int, waveform: Waveform, sp
     return MidFrame(
         rx_point=vectors, rx_velocity=vectors, tx_length=none, tx_rate=none,
         curvature=generator.uniform(-0.5, 0.5, count), doppler=generator.uniform(-100.0, 100.0, count),
-        range_bins=range_bins, amplitude=amplitude.astype(np.complex128), departure=generator.uniform(0.0, 0.5, count),
+        range_bins=range_bins, amplitude=amplitude.astype(np.complex128), spread=generator.uniform(0.0, 0.3, count),
+        migration=generator.uniform(0.0, 6.0, count),
     )  # fmt: skip
 
 
@@ -139,7 +147,7 @@ def hann_power(bins: float) -> float:
     return float(1.0 / (np.pi * bins * (bins * bins - 1.0)) ** 2)
 
 
-def one_after_another(mid: MidFrame, waveform: Waveform, cells: np.ndarray) -> np.ndarray:
+def one_after_another(mid: MidFrame, smeared: np.ndarray, waveform: Waveform, cells: np.ndarray) -> np.ndarray:
     """[chirps, paths]"""
     samples, chirps = waveform.samples, waveform.chirps
     seen = np.zeros((chirps, len(mid.amplitude)), dtype=bool)
@@ -148,9 +156,10 @@ def one_after_another(mid: MidFrame, waveform: Waveform, cells: np.ndarray) -> n
         for k in range(len(part)):
             offset = abs((mid.range_bins[k] - row + samples / 2) % samples - samples / 2)
             delta = abs((mid.doppler[k] - (cell - chirps // 2) + chirps / 2) % chirps - chirps / 2)
-            if offset <= min(ROW_REACH, samples / 2) and delta <= DOPPLER_REACH:
+            if offset <= min(ROW_REACH + smeared.max(initial=0.0), samples / 2) and delta <= DOPPLER_REACH + smeared[k]:
                 slack = mid.departure[k] + abs(mid.curvature[k])
-                part[k] = abs(mid.amplitude[k]) ** 2 * hann_power(offset) * hann_power(max(delta - slack, 0.0))
+                away = max(offset - smeared[k], 0.0), max(delta - slack, 0.0)
+                part[k] = abs(mid.amplitude[k]) ** 2 * hann_power(away[0]) * hann_power(away[1])
         if not part.any():
             continue
         lit = np.flatnonzero(part)
@@ -166,12 +175,13 @@ def one_after_another(mid: MidFrame, waveform: Waveform, cells: np.ndarray) -> n
 
 
 @pytest.mark.parametrize(("samples", "count"), [(64, 300), (16, 60), (64, 1), (64, 0)])
-@pytest.mark.parametrize("spread_db", [20.0, 120.0])
-def test_the_same_paths_are_seen(samples, count, spread_db):
+@pytest.mark.parametrize(("spread_db", "most_bins"), [(20.0, 0.0), (120.0, 0.0), (120.0, 6.0)])
+def test_the_same_paths_are_seen(samples, count, spread_db, most_bins):
     generator = np.random.default_rng(8)
     radar = Radar(waveform=Waveform(samples=samples, range_bins=samples * 3 // 4, chirps=32))
     mid = mid_frame(generator, count, radar.waveform, spread_db)
     cells = generator.integers(0, 32, radar.waveform.range_bins)
-    expected = one_after_another(mid, radar.waveform, cells)
-    np.testing.assert_array_equal(seen_paths(mid, radar, cells), expected)
+    smeared = np.maximum(generator.uniform(-most_bins, most_bins, count), 0.0)
+    expected = one_after_another(mid, smeared, radar.waveform, cells)
+    np.testing.assert_array_equal(seen_paths(mid, smeared, radar, cells), expected)
     assert count < 60 or expected.sum() > 0

@@ -20,7 +20,7 @@ from datafactory.paths.table import SPECULAR, PathTable, ScatteredPaths, Specula
 from datafactory.synthesis.truth import truth_moments
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray, line
-from shared.signal.imaging import near_field_images
+from shared.signal.imaging import DEFAULT_TERMS, near_field_images, walk_terms
 
 STATIC_DB = -60.0
 MOVING_DB = -45.0
@@ -97,6 +97,46 @@ def test_image_agrees_with_the_virtual_sensors_cube(place, speed, bound_db):
     radar = truth_radar(samples, rows[-1] + 3, chirps=32 if speed else 4)
     paths = scattered(np.random.default_rng(11), COUNT, limits_m, speed)
     assert error_db(PathTable(paths), radar, nearest_cells(paths, radar), rows) < bound_db
+
+
+@pytest.mark.parametrize("bins", [3.9, 7.0, 14.0, 30.0])
+def test_an_echo_that_crosses_many_range_bins_is_where_it_was(bins):
+    """The sweep is developed in bands. Seen in the rows of its ends too, and between."""
+    radar = truth_radar(128, 100, chirps=64)
+    waveform = radar.waveform.model_copy(update={"chirp_interval_s": 1e-3})
+    radar = radar.model_copy(update={"waveform": waveform})
+    rate = bins * waveform.range_step_m / (waveform.chirps * waveform.chirp_interval_s)
+    place, velocity = np.array([[8.0, 0.1, 0.0], [9.0, -0.3, 0.0]]), np.array([[rate, 0.0, 0.0], [-rate, 0.0, 0.0]])
+    paths = ScatteredPaths.of_points(place - velocity * waveform.mid_frame_s, velocity, np.array([1.0, 0.5j]))
+    middle = round(float(np.linalg.norm(place[0])) / waveform.range_step_m)
+    cells = np.full(waveform.range_bins, nearest_cells(paths.take(np.array([0])), radar)[middle])
+    assert error_db(PathTable(paths), radar, cells, range(middle - 16, middle + 17, 4)) < MOVING_DB
+
+
+@pytest.mark.parametrize(("place", "speed"), [((0.3, 0.05, 0.0), 20.0), ((0.6, 0.1, 0.0), 40.0)])
+def test_what_passes_by_near_is_developed_over_fewer_elements(place, speed):
+    """Its Doppler differs by 5 to 6 cells over half a block of 32 elements. What is left is the third derivative."""
+    radar = truth_radar(64, 30, chirps=128)
+    velocity = np.array([[0.0, speed, 0.0]])
+    paths = ScatteredPaths.of_points(np.array([place]) - velocity * radar.waveform.mid_frame_s, velocity, np.ones(1))
+    cells = nearest_cells(paths, radar)
+    assert error_db(PathTable(paths), radar, cells, range(2, 12)) < -25.0
+
+
+@pytest.mark.parametrize("bandwidth_hz", [2e9, 4e9])
+def test_a_wide_band_walks_through_more_bins_and_takes_more_terms(bandwidth_hz):
+    radar = truth_radar(256, 200, chirps=4)
+    waveform = radar.waveform.model_copy(update={"bandwidth_hz": bandwidth_hz})
+    radar = radar.model_copy(update={"waveform": waveform})
+    u, range_m = np.array([0.2, 0.5, 0.8, -0.84]), 80.0 * waveform.range_step_m
+    place = range_m * np.stack([np.sqrt(1.0 - u**2), u, np.zeros(4)], axis=1)
+    paths = PathTable(ScatteredPaths.of_points(place, np.zeros((4, 3)), phasors(np.random.default_rng(1), 4)))
+    cells = np.full(waveform.range_bins, 2)
+    terms = walk_terms(radar, DEFAULT_TERMS)
+    image = near_field_images(truth_moments(paths, radar, cells, terms)[None], radar, radar.virtual_sensor)[0]
+    rows = range(76, 85, 2)
+    error = np.abs(image[list(rows)] - truth_rows(paths, radar, cells, rows)).max()
+    assert 20.0 * np.log10(error) < STATIC_DB
 
 
 def test_cells_that_differ_from_row_to_row_at_random():

@@ -28,6 +28,7 @@ from datafactory.accuracy.power import Errors, Kept, paired_error, peak_error, p
 from datafactory.paths.solver import TraceSettings
 from shared.processes.telling import Progress
 from shared.radar import Radar
+from shared.signal.imaging import walk_terms
 
 PASS_S = 0.17
 """Of a pass of rays, whatever their number, in which the scene is built and the solver's kernels start: 3125 rays take
@@ -176,7 +177,7 @@ def work(knobs: KnobSettings, paths: float, radar: Radar) -> float:
     signals = (of_frame + of_path * paths) * channels / _USUAL.array.channels
     truth = TRUTH_S * paths * elements / _USUAL.virtual_sensor.channels
     spectra = SPECTRUM_S * channels * waveform.chirps * waveform.samples
-    image = IMAGE_S * knobs.truth_terms * waveform.range_bins * elements * radar.grid.bins
+    image = IMAGE_S * walk_terms(radar, knobs.truth_terms) * waveform.range_bins * elements * radar.grid.bins
     return trace_work(knobs) + signals + truth + spectra + image
 
 

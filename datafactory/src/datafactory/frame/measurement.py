@@ -31,7 +31,7 @@ from shared.physics.vectors import Real
 from shared.processes.defaults import TRUTH_WINDOW
 from shared.radar import Radar
 from shared.radar.receiver import received
-from shared.signal.imaging import DEFAULT_TERMS, near_field_images
+from shared.signal.imaging import DEFAULT_TERMS, near_field_images, walk_terms
 from shared.signal.spectrum import range_doppler, select_doppler, unfold
 from shared.signal.windows import angle_window, power_in_cell
 
@@ -63,7 +63,8 @@ class Processing:
     :param store: "range-channel", "range-doppler" or "cube"
     :param truth_window: over the virtual sensor's elements, see :func:`shared.signal.windows.angle_window`
     :param tolerance: of the cube's synthesis, relative L2; 30 dB below the default error budget
-    :param truth_terms: polynomial terms of the truth's range walk
+    :param truth_terms: polynomial terms of the truth's range walk, of a band of 1 GHz; wider ones take as many as keep
+        the same error (:func:`shared.signal.imaging.walk_terms`)
     :param doppler: an effect, see :mod:`datafactory.effects.catalogue`
     :param intra_chirp_motion: motion within the chirp, which every scene has; close targets are those of eq. (1)
     """
@@ -112,7 +113,8 @@ def measure(
     spectra = at("range-Doppler", range_doppler, recorded.cube, radar)
     selection = at("Doppler choice", select_doppler, spectra, noise_power, processing.peaks)
     selection = at("velocity interval", unfold, selection, radar)
-    moments = at("truth", kernels.truth, paths, radar, selection.cells[0], processing.truth_terms, intra_chirp)
+    terms = walk_terms(radar, processing.truth_terms)
+    moments = at("truth", kernels.truth, paths, radar, selection.cells[0], terms, intra_chirp)
     frame = replace(
         frame,
         range_channel=selection.range_channel,

@@ -26,6 +26,7 @@ from shared.physics.errors import InputError
 from shared.processes.machine import may_start_processes, usable_cores, usable_memory
 from shared.processes.telling import Announce, silent
 from shared.radar import Radar
+from shared.signal.imaging import walk_terms
 
 BASE_BYTES = 500e6
 """A process that makes frames, before the first: the interpreter, its libraries, compiled kernels."""
@@ -115,10 +116,11 @@ class Load:
         waveform, grid, elements = self.radar.waveform, self.radar.grid, self.radar.virtual_sensor.channels
         processing = self.settings.processing
         cube = self._cube_bytes
-        moments = 8.0 * processing.truth_terms * waveform.range_bins * elements
+        terms = walk_terms(self.radar, processing.truth_terms)
+        moments = 8.0 * terms * waveform.range_bins * elements
         image = 8.0 * waveform.range_bins * grid.bins
         kept = moments + image + (KEPT_CUBES * cube if self._keeps_cubes else 0.0)
-        matrices = 8.0 * processing.truth_terms * grid.bins * elements
+        matrices = 8.0 * terms * grid.bins * elements
         return CUBES * cube + IMAGE_BATCH * kept + matrices
 
 

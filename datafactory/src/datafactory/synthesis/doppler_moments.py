@@ -42,10 +42,12 @@ class Frame(NamedTuple):
     """A Doppler cell, and what frame and sweep are.
 
     :param frequency: of the cell [bins]
+    :param nu: place in the sweep around which migration is developed
     :param lead: time by which ranges precede phases [s]; :param kappa: B / f_0
     """
 
     frequency: float
+    nu: float
     chirps: float
     frame_s: float
     reference_hz: float
@@ -55,7 +57,7 @@ class Frame(NamedTuple):
 
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
-def add_doppler_moments(seen, path_terms, block, frame, needed, table_parts, binomial, grid):
+def add_doppler_moments(seen, path_terms, by_element, block, frame, needed, table_parts, binomial, grid):
     """Add K paths' moments in one Doppler cell to ``grid`` [cells, doppler terms * SHIFT_TERMS * 2 * BLOCK].
 
     With d from the block's centre to the path and t to an element, its leg is longer than the centre's, L, by
@@ -64,13 +66,14 @@ def add_doppler_moments(seen, path_terms, block, frame, needed, table_parts, bin
     centre's are small, and float32.
 
     :param seen: a :class:`datafactory.synthesis.mid_frame.MidFrame`; :param path_terms: Doppler terms of each path
+    :param by_element: [K] whether every element has its own point of expansion, at the node of the table nearest to it
     :param frame: a :class:`Frame`
     :param block: its elements [BLOCK, 3] from its centre [m], and that centre [3]
     :param needed: [cells] of the grid
     """
     rx_point, rx_velocity, tx_length, tx_rate = seen.rx_point, seen.rx_velocity, seen.tx_length, seen.tx_rate
     curvature, amplitude = seen.curvature, seen.amplitude
-    frequency, chirps, frame_s, reference_hz, bandwidth_hz, lead, kappa = frame
+    frequency, nu, chirps, frame_s, reference_hz, bandwidth_hz, lead, kappa = frame
     elements, rx_centre = block
     lowest_q, lowest_delta, table = table_parts
     single = np.float32
@@ -85,23 +88,25 @@ def add_doppler_moments(seen, path_terms, block, frame, needed, table_parts, bin
     per_metre = reference_hz / SPEED_OF_LIGHT
     bins_per_metre = bandwidth_hz / SPEED_OF_LIGHT
     bins_of_leg, bins_of_rate = single(bins_per_metre), single(bins_per_metre * lead)
-    doppler_per_rate = single(per_metre * frame_s)
+    scaled = 1.0 + kappa * nu
+    doppler_per_rate = single(scaled * per_metre * frame_s)
     for k in range(len(path_terms)):
         vx, vy, vz = rx_velocity[k]
         cx, cy, cz = rx_point[k, 0] - rx_centre[0], rx_point[k, 1] - rx_centre[1], rx_point[k, 2] - rx_centre[2]
         centre_leg = np.sqrt(cx * cx + cy * cy + cz * cz)
         centre_rate = (cx * vx + cy * vy + cz * vz) / max(centre_leg, 1e-9)
         total = per_metre * frame_s * (tx_rate[k] + centre_rate)
-        delta = total - frequency
+        delta = scaled * total - frequency
         delta -= chirps * np.floor(delta / chirps + 0.5)
         ranged = bins_per_metre * (tx_length[k] + centre_leg + lead * (tx_rate[k] + centre_rate))
         cell = int(np.floor(ranged * CELLS_PER_BIN + 0.5))
         slot = cell % len(needed)
         q = min(max(int(np.floor(curvature[k] / CURVATURE_STEP + 0.5)) - lowest_q, 0), table.shape[0] - 1)
         node = int(np.floor((delta - lowest_delta) / DELTA_STEP + 0.5))
-        if not needed[slot] or node < 0 or node >= table.shape[1]:
+        inside = 0 <= node < table.shape[1]
+        if not needed[slot] or not (inside or by_element[k]):
             continue
-        response = table[q, node]
+        response = table[q, node if inside else 0]
         # From the expansion's points to the centre: a part of a cell, and of a node.
         off_cell = single(ranged - cell / CELLS_PER_BIN)
         off_node = single(delta - lowest_delta - node * DELTA_STEP)
@@ -134,7 +139,9 @@ def add_doppler_moments(seen, path_terms, block, frame, needed, table_parts, bin
                 factors[2 * (j * count + e) + 1] = scale * single(binomial[e, j] * response[e].imag)
             scale *= migration
         at = slot * per_slot
-        if count == 1:
+        if by_element[k]:
+            _add_terms_by_element(work, table[q], node, migration, binomial, at, count, flat)
+        elif count == 1:
             _add_terms(work, factors, at, _ONE, flat)
         elif count == 2:
             _add_terms(work, factors, at, _TWO, flat)
@@ -198,3 +205,28 @@ def _add_many_terms(work, factors, at, count, flat):
                 a_re *= shift
                 a_im *= shift
         at += 2 * BLOCK * SHIFT_TERMS
+
+
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
+def _add_terms_by_element(work, responses, node, migration, binomial, at, count, flat):
+    """As :func:`_add_terms`, each element's departure that from the node nearest to it.
+
+    :param responses: [nodes, terms] of the path's curvature; :param node: from which the departures are
+    """
+    for c in range(BLOCK):
+        away = np.floor(work[_DEPART + c] / DELTA_STEP + 0.5)
+        nearest = node + int(away)
+        if nearest < 0 or nearest >= len(responses):
+            continue
+        departure = work[_DEPART + c] - away * DELTA_STEP
+        echo, scale, to = complex(work[_RE + c], work[_IM + c]), 1.0, at + c
+        for j in range(count):
+            factor = 0.0j
+            for e in range(count - 1, j - 1, -1):
+                factor = factor * departure + binomial[e, j] * responses[nearest, e]
+            term = scale * factor * echo
+            scale *= migration
+            for p in range(SHIFT_TERMS):
+                flat[to + 2 * BLOCK * (j * SHIFT_TERMS + p)] += np.float32(term.real)
+                flat[to + 2 * BLOCK * (j * SHIFT_TERMS + p) + BLOCK] += np.float32(term.imag)
+                term *= work[_SHIFT + c]

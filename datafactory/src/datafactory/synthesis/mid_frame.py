@@ -18,7 +18,7 @@ from jaxtyping import Bool, Complex128, Float64, Int64
 
 from datafactory.paths.table import ScatteredPaths
 from datafactory.synthesis.doppler_moments import BLOCK
-from datafactory.synthesis.motion import instants, leg_of
+from datafactory.synthesis.motion import coupling, instants, leg_of
 from shared.physics.compiled import compiled, inlined
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.physics.vectors import lengths, taken
@@ -45,7 +45,8 @@ class MidFrame(NamedTuple):
     :param doppler: f [bins], unwrapped, seen from the array's centre
     :param range_bins: x = B tau seen from the array's centre, at the time of the beat frequency
     :param amplitude: [sqrt(W)]
-    :param departure: largest distance of an element's Doppler from the point of expansion, with migration [bins]
+    :param spread: largest distance of an element's Doppler from that of its block of BLOCK elements [bins]
+    :param migration: range bins that the path crosses within the frame
     """
 
     rx_point: Float64[np.ndarray, "paths 3"]
@@ -56,7 +57,14 @@ class MidFrame(NamedTuple):
     doppler: Float64[np.ndarray, " paths"]
     range_bins: Float64[np.ndarray, " paths"]
     amplitude: Complex128[np.ndarray, " paths"]
-    departure: Float64[np.ndarray, " paths"]
+    spread: Float64[np.ndarray, " paths"]
+    migration: Float64[np.ndarray, " paths"]
+
+    @property
+    def departure(self) -> Float64[np.ndarray, " paths"]:
+        """Largest distance of an element's Doppler from the point of expansion, with migration [bins]: Hann gives the
+        sweep's ends no weight. Its standard deviation of nu is 0.18, and twice that holds 96 % of the weight."""
+        return self.spread + 0.36 * self.migration
 
     def take(self, index: Int64[np.ndarray, " chosen"]) -> MidFrame:
         """The paths at these indices."""
@@ -97,33 +105,22 @@ def at_mid_frame(
         / SPEED_OF_LIGHT
         * (tx_length + rx_leg.length + lead * (tx_rate + rx_leg.rate)),
         amplitude=paths.amplitude,
-        departure=_departure(rx_point, paths.rx_velocity, doppler, radar, frame_s),
+        spread=cycles_per_metre
+        * lengths(paths.rx_velocity)
+        * (0.5 * BLOCK * SPEED_OF_LIGHT / (2.0 * waveform.carrier_hz))
+        / np.maximum(lengths(rx_point), 0.5)
+        * frame_s,
+        migration=np.abs(doppler) * coupling(radar),
     )
 
 
-def _departure(
-    rx_point: Float64[np.ndarray, "paths 3"],
-    rx_velocity: Float64[np.ndarray, "paths 3"],
-    doppler: Float64[np.ndarray, " paths"],
-    radar: Radar,
-    frame_s: float,
-) -> Float64[np.ndarray, " paths"]:
-    """Largest distance of an element's Doppler from its block's, and the Doppler that migration adds [bins]."""
-    distance = np.maximum(lengths(rx_point), 0.5)
-    speed = lengths(rx_velocity)
-    half_block = 0.5 * BLOCK * SPEED_OF_LIGHT / (2.0 * radar.waveform.carrier_hz)
-    spread = reference_frequency_hz(radar) / SPEED_OF_LIGHT * speed * half_block / distance * frame_s
-    # Hann gives the sweep's ends no weight: its standard deviation of nu is 0.18, and twice that holds 96 % of the
-    # weight.
-    return spread + 0.36 * np.abs(doppler) * radar.waveform.bandwidth_hz / reference_frequency_hz(radar)
-
-
 def seen_paths(
-    mid: MidFrame, radar: Radar, doppler_cells: Int64[np.ndarray, " rows"]
+    mid: MidFrame, smeared: Float64[np.ndarray, " paths"], radar: Radar, doppler_cells: Int64[np.ndarray, " rows"]
 ) -> Bool[np.ndarray, "chirps paths"]:
     """For each Doppler cell the paths that are seen in one of its rows.
 
     :param mid: paths in the order of their folded range
+    :param smeared: range and Doppler bins to either side over which migration spreads an echo
     :param doppler_cells: [rows] index on the radar's velocity axis for each image row
     """
     waveform = radar.waveform
@@ -131,8 +128,8 @@ def seen_paths(
     # An element may see a path nearer to the cell than the centre does, and curvature widens its line.
     slack = mid.departure + np.abs(mid.curvature)
     _mark_seen(
-        mid.range_bins % waveform.samples, mid.doppler, slack, np.abs(mid.amplitude) ** 2, doppler_cells,
-        min(float(ROW_REACH), 0.5 * waveform.samples), float(waveform.samples), seen,
+        mid.range_bins % waveform.samples, mid.doppler, slack, smeared, np.abs(mid.amplitude) ** 2, doppler_cells,
+        min(ROW_REACH + float(smeared.max(initial=0.0)), 0.5 * waveform.samples), float(waveform.samples), seen,
     )  # fmt: skip
     return seen
 
@@ -161,14 +158,15 @@ def _hann_power(bins):
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _powers(bins, doppler, slack, power, row, frequency, chirps, part):
+def _powers(bins, doppler, slack, smeared, power, row, frequency, chirps, part):
     """What paths [n] bring to a row in its Doppler cell goes to ``part`` [n]; returns their sum."""
     total = 0.0
     for k in range(len(bins)):
         delta = doppler[k] - frequency
         delta = abs(delta - chirps * np.floor(delta / chirps + 0.5))
-        brought = power[k] * _hann_power(abs(bins[k] - row)) * _hann_power(max(delta - slack[k], 0.0))
-        brought = brought if delta <= DOPPLER_REACH else 0.0
+        away = max(abs(bins[k] - row) - smeared[k], 0.0)
+        brought = power[k] * _hann_power(away) * _hann_power(max(delta - slack[k], 0.0))
+        brought = brought if delta <= DOPPLER_REACH + smeared[k] else 0.0
         part[k] = brought
         total += brought
     return total
@@ -198,7 +196,7 @@ def _decibels_below(total, part, bits, below):
 
 
 @compiled(nogil=True, error_model="numpy")
-def _mark_seen(bins, doppler, slack, power, doppler_cells, reach, samples, seen):
+def _mark_seen(bins, doppler, slack, smeared, power, doppler_cells, reach, samples, seen):
     """Mark in ``seen`` [chirps, paths] what each row sees in its Doppler cell.
 
     A row's paths are counted in levels of 1 dB below the row's power. From the weakest on, levels are left out while
@@ -218,8 +216,8 @@ def _mark_seen(bins, doppler, slack, power, doppler_cells, reach, samples, seen)
             stops[turn] = np.searchsorted(bins, here + reach)
             first, last = starts[turn], stops[turn]
             total += _powers(
-                bins[first:last], doppler[first:last], slack[first:last], power[first:last], here, frequency,
-                float(chirps), part[size : size + last - first],
+                bins[first:last], doppler[first:last], slack[first:last], smeared[first:last], power[first:last],
+                here, frequency, float(chirps), part[size : size + last - first],
             )  # fmt: skip
             size += last - first
         if total <= 0.0:

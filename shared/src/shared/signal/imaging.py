@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Complex, Complex64, Complex128, Int
 from numpy.typing import NDArray
+from scipy.special import jv
 from threadpoolctl import threadpool_limits
 
 from shared.physics.units import SPEED_OF_LIGHT
@@ -23,9 +24,28 @@ from shared.signal.windows import angle_window, unit_hann
 
 DEFAULT_TERMS = 5
 """Polynomial terms of the range walk: -70 dB of the image's peak from 3 to 60 m (``make bench``, truth_vs_exact)."""
-WALK_REACH = 0.62
-"""Range walk [bins] that the terms are fitted to. It reaches +-0.71 bins at u = 0.85 over 256 elements, but only at the
-outermost; fitted to 0.8 the errors are 10 dB larger, to 0.54 3 to 6 dB (5 terms, with echoes at u = +-0.84)."""
+WALK_REACH, WALK_SHARE = 0.62, 0.87
+"""Range walk [bins] that the terms are fitted to, and its share of the outermost element's walk where that is more. It
+reaches +-0.71 bins at u = 0.85 over 256 elements and 1 GHz, but only at the outermost; fitted to 0.8 the errors are
+10 dB larger, to 0.54 3 to 6 dB (5 terms, with echoes at u = +-0.84)."""
+
+
+def walk_reach(radar: Radar) -> float:
+    """Range walk [bins] across the virtual sensor that the terms are fitted to."""
+    aside_m = float(np.abs(radar.virtual_sensor.virtual[:, 1]).max())
+    outermost = aside_m * float(np.abs(radar.grid.u).max()) * radar.waveform.bandwidth_hz / SPEED_OF_LIGHT
+    return max(WALK_REACH, WALK_SHARE * outermost)
+
+
+def walk_terms(radar: Radar, terms: int) -> int:
+    """How many terms a radar needs for what ``terms`` keep at a walk of WALK_REACH: 13 for 5 at 4 GHz.
+
+    What n terms leave out of a walk of z bins is about 2 J_n(pi z), see :func:`shared.signal.sweep.shift_polynomials`.
+    """
+    argument, needed = np.pi * walk_reach(radar), terms
+    while needed < argument or jv(needed, argument) > jv(terms, np.pi * WALK_REACH):
+        needed += 1
+    return needed
 
 
 def steering_matrix(radar: Radar, array: AntennaArray) -> Complex128[np.ndarray, "channels bins"]:
@@ -71,7 +91,7 @@ def sweep_moments(
     Y_p[r] = sum_n w_n / sum(w) q_p(nu_n) s[n] exp(-j 2 pi r nu_n),   nu_n = (n - N/2) / N
 
     with q_p of :func:`shared.signal.sweep.shift_polynomials`: s compressed at r + d is sum_p (-d)^p Y_p[r], for |d|
-    up to about WALK_REACH.
+    up to about :func:`walk_reach`.
     """
     samples = radar.waveform.samples
     nu = sweep_positions(samples)
@@ -79,7 +99,7 @@ def sweep_moments(
     centre = np.exp(2j * np.pi * np.arange(radar.waveform.range_bins) * (samples // 2) / samples)[:, None]
     spectra = [
         centre * np.fft.fft(weighted * polynomial[:, None], axis=0)[: radar.waveform.range_bins]
-        for polynomial in shift_polynomials(nu, WALK_REACH, terms)
+        for polynomial in shift_polynomials(nu, walk_reach(radar), terms)
     ]
     return np.stack(spectra)
 

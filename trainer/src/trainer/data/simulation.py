@@ -23,7 +23,7 @@ from shared.processes.defaults import TRUTH_WINDOW
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.signal import if_signal
-from shared.signal.imaging import DEFAULT_TERMS, near_field_images, sweep_moments
+from shared.signal.imaging import DEFAULT_TERMS, near_field_images, sweep_moments, walk_terms
 from shared.signal.spectrum import range_doppler
 from shared.signal.windows import angle_window, cell_noise_power, hann_noise_share
 from trainer.estimators.array import line_array
@@ -92,7 +92,8 @@ def truth_image(
     sensor = radar.virtual_sensor
     virtual = radar.of_one_chirp.model_copy(update={"array": sensor})
     fast_time = if_signal(virtual, positions_m, np.zeros_like(positions_m), amplitudes)[0]  # (N, C)
-    moments = sweep_moments(fast_time * angle_window(TRUTH_WINDOW, sensor.channels), radar, DEFAULT_TERMS)
+    windowed = fast_time * angle_window(TRUTH_WINDOW, sensor.channels)
+    moments = sweep_moments(windowed, radar, walk_terms(radar, DEFAULT_TERMS))
     return np.abs(near_field_images(moments[None].astype(np.complex64), radar, sensor)[0])
 
 

@@ -22,9 +22,10 @@ from datafactory.synthesis.doppler_moments import (
     DELTA_STEP,
     SHIFT_TERMS,
 )
+from datafactory.synthesis.expansions import doppler_table
 from datafactory.synthesis.mid_frame import MidFrame
 from datafactory.synthesis.motion import coupling, instants
-from datafactory.synthesis.truth import DopplerCell, around_row, doppler_table, truth_plan
+from datafactory.synthesis.truth import DopplerCell, truth_plan
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.signal.sweep import reference_frequency_hz
@@ -32,7 +33,7 @@ from shared.signal.sweep import reference_frequency_hz
 Elements = tuple[Float64[np.ndarray, "padded 3"], Float64[np.ndarray, "blocks 3"]]
 """The virtual sensor's RX in blocks, the last filled up with its last element, and the centre of each block [m]."""
 Table = tuple[int, float, Complex128[Tensor, "q delta doppler_terms"]]
-"""Doppler responses and their derivatives, see :func:`datafactory.synthesis.truth.doppler_table`."""
+"""Doppler responses and their derivatives, see :func:`datafactory.synthesis.expansions.doppler_table`."""
 
 
 def _in_blocks(rx: Float64[np.ndarray, "rx 3"]) -> Elements:
@@ -54,15 +55,16 @@ def truth_on(
     :param device: torch's name of it
     """
     waveform, rx = radar.waveform, radar.virtual_sensor.rx
-    mid, path_terms, cells = truth_plan(paths, radar, doppler_cells, terms, intra_chirp)
-    lowest_q, lowest_delta, responses = doppler_table(mid.curvature, waveform.chirps, int(path_terms.max(initial=1)))
+    mid, cells = truth_plan(paths, radar, doppler_cells, terms, intra_chirp)
+    most = max((cell.doppler_terms for cell in cells), default=1)
+    lowest_q, lowest_delta, responses = doppler_table(mid.curvature, waveform.chirps, most)
     elements = _in_blocks(rx)
     with repeatable():
         table = lowest_q, lowest_delta, moved(responses, device)
         moments = torch.zeros((terms, waveform.range_bins, len(elements[0])), dtype=torch.complex64, device=device)
         for cell in cells:
             grid = _grid_of(cell, mid.take(cell.chosen), elements, table, radar, intra_chirp, device)
-            _add_rows(moments, cell, grid, waveform.samples, waveform.chirps)
+            _add_rows(moments, cell, grid, waveform.chirps)
         return back(moments[:, :, : len(rx)])
 
 
@@ -109,34 +111,39 @@ def _moments(
 
     centre_leg, centre_rate = _legs(point, velocity, centre)
     total = cycles_per_metre * frame_s * (tx_rate + centre_rate)
-    delta = total - cell.frequency
+    scaled = 1.0 + coupling(radar) * cell.nu
+    delta = scaled * total - cell.frequency
     delta -= waveform.chirps * torch.floor(delta / waveform.chirps + 0.5)
     ranged = tx_length + lead * tx_rate
     range_cell = torch.floor(bins_per_metre * (ranged + centre_leg + lead * centre_rate) * CELLS_PER_BIN + 0.5)
     slot = range_cell.to(torch.int64) % len(cell.needed)
-    node = torch.floor((delta - lowest_delta) / DELTA_STEP + 0.5).to(torch.int64)
-    kept = (node >= 0) & (node < responses.shape[1])
-    node = node.clamp(0, responses.shape[1] - 1)
-    curvature = torch.floor(moved(mid.curvature, device) / CURVATURE_STEP + 0.5).to(torch.int64) - lowest_q
-    response = responses[curvature.clamp(0, len(responses) - 1)[:, None], node]
-    origin = total - delta + lowest_delta + node * DELTA_STEP
+    node = torch.floor((delta - lowest_delta) / DELTA_STEP + 0.5)
+    origin = scaled * total - delta + lowest_delta + node * DELTA_STEP
 
     leg, rate = (part.unflatten(1, (-1, BLOCK)) for part in _legs(point, velocity, rx))
     amplitude = moved(mid.amplitude, device).to(torch.complex64)[:, None, None]
     echo = amplitude * phasors(cycles_per_metre * (tx_length[..., None] + leg), torch.complex64)
     offset = range_cell / CELLS_PER_BIN - bins_per_metre * ranged
     shift = (bins_per_metre * (leg + lead * rate) - offset[..., None]).to(torch.float32)
-    depart = cycles_per_metre * frame_s * (tx_rate[..., None] + rate) - origin[..., None]
+    depart = scaled * cycles_per_metre * frame_s * (tx_rate[..., None] + rate) - origin[..., None]
+    node = node[..., None].to(torch.int64)
+    if cell.by_element.any():  # each element of every path at the node nearest to it
+        away = torch.floor(depart / DELTA_STEP + 0.5)
+        node, depart = node + away.to(torch.int64), depart - away * DELTA_STEP
+    inside = (node >= 0) & (node < responses.shape[1])
+    curvature = torch.floor(moved(mid.curvature, device) / CURVATURE_STEP + 0.5).to(torch.int64) - lowest_q
+    at = curvature.clamp(0, len(responses) - 1)[:, None, None], node.clamp(0, responses.shape[1] - 1)
+    response = responses[at] * inside[..., None]
     migration = (coupling(radar) * total).to(torch.float32)[..., None]
     by_doppler = _doppler_factors(response, depart.to(torch.float32), migration, cell.doppler_terms)
     powers = [by_doppler * echo[:, :, None]]
     for _ in range(SHIFT_TERMS - 1):
         powers.append(powers[-1] * shift[:, :, None])
-    return slot, kept, torch.stack(powers, dim=3).flatten(2, 3)
+    return slot, inside.any(dim=2), torch.stack(powers, dim=3).flatten(2, 3)
 
 
 def _doppler_factors(
-    response: Complex128[Tensor, "paths blocks doppler_terms"],
+    response: Complex128[Tensor, "paths blocks points doppler_terms"],
     depart: Float32[Tensor, "paths blocks block"],
     migration: Float32[Tensor, "paths blocks 1"],
     terms: int,
@@ -146,7 +153,7 @@ def _doppler_factors(
     for power in range(terms):
         factor = torch.zeros_like(depart, dtype=torch.complex64)
         for e in range(terms - 1, power - 1, -1):
-            factor = factor * depart + (BINOMIAL[e, power] * response[..., e, None]).to(torch.complex64)
+            factor = factor * depart + (BINOMIAL[e, power] * response[..., e]).to(torch.complex64)
         factors.append(scale * factor)
         scale = scale * migration
     return torch.stack(factors, dim=2)
@@ -165,16 +172,15 @@ def _add_rows(
     moments: Complex64[Tensor, "terms rows padded"],
     cell: DopplerCell,
     grid: Complex64[Tensor, "needed_cells blocks moments block"],
-    samples: int,
     chirps: int,
 ) -> None:
-    """The rows of a Doppler cell from the moments around them."""
+    """Add to the rows of a Doppler cell from the moments around them."""
     device, terms, elements = str(grid.device), moments.shape[0], moments.shape[2]
     at = np.cumsum(cell.needed) - 1
-    around = at[(cell.rows[:, None] * CELLS_PER_BIN + around_row(samples)) % len(cell.needed)]
+    around = at[(cell.rows[:, None] * CELLS_PER_BIN + cell.around) % len(cell.needed)]
     turn = np.exp(-2j * np.pi * cell.frequency * (chirps // 2) / chirps)
     mixing = moved((turn * (cell.mixing[:terms] + 1j * cell.mixing[terms:])).astype(np.complex64), device)
     rows, chosen = moved(cell.rows, device), moved(around, device)
     for some in batches(len(rows), mixing.shape[1] * elements, device):
         drawn = grid[chosen[some]].permute(0, 1, 3, 2, 4).flatten(3, 4).flatten(1, 2)
-        moments[:, rows[some]] = (mixing @ drawn).transpose(0, 1)
+        moments[:, rows[some]] += (mixing @ drawn).transpose(0, 1)
