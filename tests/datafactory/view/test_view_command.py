@@ -109,15 +109,17 @@ def test_traced_paths_are_looked_at_in_their_own_scene(tmp_path: Path) -> None:
 
 def test_a_frame_of_a_track_is_looked_at(tmp_path: Path) -> None:
     track = [Pose((0.0, 0.0, 0.5)), Pose((0.5, 0.0, 0.5), time_s=0.1)]
-    view(TINY, tmp_path / "page.html", trajectory=[track], frame=1, rays=RAYS)
-    assert "(0.5, 0.0, 0.5) m" in told(tmp_path / "page.html")["pose"]
+    page = tmp_path / "new" / "page.html"
+    view(TINY, page, trajectory=[track], frame=1, rays=RAYS)
+    assert "(0.5, 0.0, 0.5) m" in told(page)["pose"]
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["--scene", TINY, "--out", "OUT/page.htm"], "expected a file that ends in .html"),
-        (["--scene", TINY, "--out", "OUT/none/page.html"], "expected an existing one"),
+        (["--scene", TINY, "--out", f"{__file__}/page.html"], f"{__file__} is a file; expected a file in a folder"),
+        (["--scene", TINY, "--frame", 8, "--out", "OUT/new/page.html"], "--frame: 8; expected 0 to 7"),
         (["--out", "OUT/page.html"], "--scene: missing; expected a scene file or sionna:NAME, or --paths"),
         (["--scene", "tinny.usda", "--out", "OUT/page.html"], "no such file"),
         (["--scene", TINY, "--frame", 8, "--out", "OUT/page.html"], "--frame: 8; expected 0 to 7"),

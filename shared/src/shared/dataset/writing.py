@@ -88,6 +88,16 @@ def make_folder(folder: Location) -> None:
         folder.mkdir(parents=True, exist_ok=True)
 
 
+def require_folder_above(path: Path, option: str) -> None:
+    """Refuse a file whose folder cannot be made: see :func:`make_folder`.
+
+    :raises InputError: where a folder above it would be there is a file
+    """
+    above = next(folder for folder in path.absolute().parents if os.path.exists(folder))
+    if not os.path.isdir(above):
+        raise InputError(option, f"{path}: {above} is a file", "a file in a folder")
+
+
 def remove_folder(folder: Location) -> None:
     """Remove a folder with all that is in it."""
     if isinstance(folder, Path):

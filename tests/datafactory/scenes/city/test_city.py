@@ -125,16 +125,18 @@ def test_larger_cities_have_more_streets() -> None:
 
 
 def test_the_command_writes_what_the_function_does_and_says_how_traffic_comes(tmp_path: Path) -> None:
-    asked = ("--seed", 3, "--blocks", 1, "--style", "suburb", "--out", tmp_path / "city.usda")
+    out = tmp_path / "new" / "folder" / "city.usda"
+    asked = ("--seed", 3, "--blocks", 1, "--style", "suburb", "--out", out)
     assert "--populate" in run("city", *asked)
-    assert hashlib.sha256((tmp_path / "city.usda").read_bytes()).hexdigest() == WRITTEN["suburb", 3]
+    assert hashlib.sha256(out.read_bytes()).hexdigest() == WRITTEN["suburb", 3]
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         (["--out", "city.obj"], ("city.obj", "'.obj'", ".usda")),
-        (["--out", "missing/city.usda"], ("missing", "does not exist")),
+        (["--out", f"{__file__}/new/city.usda"], ("--out", f"{__file__} is a file")),
+        (["--out", "missing/city.usda", "--opendrive", "gone.xodr"], ("; expected",)),
         (["--out", "x" * 300 + ".usda"], ("cannot be written",)),
         (["--centre", "1,2"], ("--centre and --extent without a network", "--opendrive FILE or --osm FILE")),
         (["--opendrive", "a.xodr", "--osm", "a.osm"], ("both given", "one of the two")),

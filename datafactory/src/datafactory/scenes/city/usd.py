@@ -19,7 +19,7 @@ import numpy as np
 from datafactory.scenes.city.shapes import Surface
 from datafactory.scenes.city.site import Placement
 from datafactory.scenes.usd_library import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade
-from shared.dataset.writing import atomic
+from shared.dataset.writing import atomic, make_folder, require_folder_above
 from shared.physics.errors import InputError
 
 SUFFIXES = (".usd", ".usda", ".usdc")
@@ -37,13 +37,12 @@ MATERIAL_COLOURS = {
 def check_output(path: Path) -> Path:
     """The path, if a USD file can be written there.
 
-    :raises InputError: unknown suffix, or a folder that does not exist
+    :raises InputError: unknown suffix, a folder, or a file in place of a folder above it
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(path, f"suffix {path.suffix!r}", f"one of {', '.join(SUFFIXES)}")
-    if not path.parent.is_dir():
-        raise InputError(path, f"folder {str(path.parent)!r} does not exist", "an existing folder")
+    require_folder_above(path, "--out")
     if os.path.isdir(path):  # unlike Path.is_dir it also answers for a name that the file system refuses
         raise InputError(path, "is a folder", "the name of a file")
     return path
@@ -105,6 +104,7 @@ def write_usd(
         prim.SetInstanceable(True)
 
     try:
+        make_folder(path.parent)
         with atomic(path) as partial:
             if not layer.Export(str(partial)):
                 raise OSError(errno.EIO, "USD names no reason")
