@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +82,10 @@ def test_drives_have_the_same_bytes_from_traced_paths(files: Path, tmp_path: Pat
 
 @pytest.mark.parametrize(
     ("times", "said"),
-    [((), "a track without poses; expected one or more"), ((2.0, 1.0), "time_s = 1 after 2; expected poses in time")],
+    [
+        ((), "a track without poses; expected one or more"),
+        ((2.0, 1.0), "pose 1, time = 1 after 2; expected times that rise"),
+    ],
 )
 def test_poses_that_are_no_track_are_refused(times: tuple[float, ...], said: str, tmp_path: Path) -> None:
     track = [Pose((-10.0, 0.0, 0.5), time_s=time) for time in times]
@@ -101,8 +105,10 @@ def test_what_stands_gives_the_same_image_again_and_a_small_step_a_nearly_equal_
     here = Pose((40.0, 0.0, 0.5))
     track = [here, Pose((40.0002, 0.0, 0.5), time_s=0.1), Pose((40.0, 0.0, 0.5), time_s=7.0)]
     asked: dict[str, Any] = {"radar": files / "small.toml", "rays": 4000, "effects": "all", "noise": False}
-    wall = str(SCENES / "effects" / "wall.usda")
-    render(wall, tmp_path / "sequence", trajectory=[track], **asked)
+    wall, stopped = str(SCENES / "effects" / "wall.usda"), tmp_path / "stopped.json"
+    entries = [{"time": pose.time_s, "position": pose.position, "velocity": [0.0, 0.0, 0.0]} for pose in track]
+    stopped.write_text(json.dumps(entries), encoding="utf-8")
+    render(wall, tmp_path / "sequence", trajectory=stopped, **asked)
     render(wall, tmp_path / "alone", poses=track, **asked, split="1:0:0")
     first, moved, again = (frame for _, frame in frames_of(tmp_path / "sequence").values())
     alone, alone_moved, _ = (frame for _, frame in frames_of(tmp_path / "alone").values())

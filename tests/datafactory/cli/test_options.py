@@ -139,7 +139,11 @@ def test_a_command_hands_on_what_was_stated_and_its_own_defaults() -> None:
     [
         ({"poses": [{"position": [0, 0, 1]}]}, "--poses: {'position': [0, 0, 1]}; expected Pose objects, or a file"),
         ({"poses": 5}, "--poses: 5; expected Pose objects, or a file"),
+        ({"poses": []}, "--poses: []; expected one pose or more"),
         ({"trajectory": [5]}, "--trajectory: 5; expected Pose objects, or a file"),
+        ({"trajectory": 5}, "--trajectory: 5; expected drives, or files or tracks of poses, one or more"),
+        ({"trajectory": []}, "--trajectory: []; expected drives, or files or tracks of poses, one or more"),
+        ({"populate": {"cars": 2}}, "--populate: {'cars': 2}; expected text such as 'cars=20,parked=0.6'"),
         ({"targets": [[1.0, 2.0]]}, "--targets: [1.0, 2.0]; expected PointTargets objects, or a file"),
     ],
 )

@@ -93,6 +93,10 @@ def gap_to_box(x, y, item):
         ({"position": (0.0, 0.0, np.nan)}, r"Pose: position = \(0\.0, 0\.0, nan\); expected three finite numbers"),
         ({"position": (0.0, 0.0)}, "Pose: position = .*; expected three finite numbers"),
         ({"position": (0.0, 0.0, 1.0), "yaw_deg": np.inf}, "Pose: yaw_deg = inf; expected a finite number"),
+        ({"position": "abc"}, "Pose: position = 'abc'; expected three finite numbers"),
+        ({"position": 1.0}, r"Pose: position = 1\.0; expected three finite numbers"),
+        ({"position": (0.0, 0.0, 1.0), "yaw_deg": "x"}, "Pose: yaw_deg = 'x'; expected a finite number"),
+        ({"position": (0.0, 0.0, 1.0), "time_s": None}, "Pose: time_s = None; expected a finite number"),
     ],
 )
 def test_a_pose_is_finite(given: dict[str, Any], message: str) -> None:

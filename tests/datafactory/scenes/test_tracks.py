@@ -26,9 +26,10 @@ from datafactory.scenes.drives import (
 )
 from datafactory.scenes.ground import CLEARANCE_M, Ground, free_ground
 from datafactory.scenes.lanes import Lane
+from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
-from datafactory.scenes.tracks import Curve, read_track
+from datafactory.scenes.tracks import Curve, read_track, track_of
 from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError
 
@@ -87,6 +88,26 @@ def test_who_stops_stands_still() -> None:
         assert pose.velocity[0] == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.parametrize("turn_deg", [0.0, 30.0, 200.0])
+def test_who_sets_out_or_arrives_slowly_drives_one_way_at_any_heading(turn_deg: float) -> None:
+    """A parabola through the first three rows would begin at -4 m/s, and lead 0.9 m backwards."""
+    ahead = np.array([np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg)), 0.0])
+    x = np.array([0.0, 0.5, 10.0, 20.0])
+    for way in (x, 20.0 - x[::-1]):
+        curve = Curve(np.arange(4.0), np.outer(way, ahead), np.zeros((4, 3)))
+        poses = curve.at(np.linspace(0.0, 3.0, 301))
+        assert np.diff([np.array(pose.position) @ ahead for pose in poses]).min() >= -1e-12
+        assert min(np.array(pose.velocity) @ ahead for pose in poses) >= -1e-12
+
+
+@pytest.mark.parametrize("start", [(0.0, 0.0, 0.0), (3.0, -2.0, 0.5), (0.0, 5.0, 0.0)])
+def test_a_constant_acceleration_is_exact(start: tuple[float, float, float]) -> None:
+    time_s, acceleration = np.array([0.0, 0.7, 1.0, 2.5, 3.0]), np.array([2.0, 1.0, 0.1])
+    place = np.outer(time_s, start) + 0.5 * np.outer(time_s**2, acceleration)
+    for pose in Curve(time_s, place, np.zeros((5, 3))).resampled(7.0):
+        np.testing.assert_allclose(pose.velocity, start + pose.time_s * acceleration, atol=1e-12)
+
+
 def test_given_velocities_are_kept_and_the_curve_has_them() -> None:
     velocity = np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
     curve = Curve(np.array([0.0, 1.0]), np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 0.0]]), np.zeros((2, 3)), velocity)
@@ -135,6 +156,19 @@ def test_table_and_list_are_the_same_track(tmp_path: Path) -> None:
     one = read_track(written(tmp_path, "\ufeff" + table))
     assert one.rows() == read_track(written(tmp_path, json.dumps(entries), "track.json")).rows()
     assert one.velocity is not None
+
+
+def test_poses_are_the_track_that_they_are_in_a_file(tmp_path: Path) -> None:
+    """Without velocities those of their places; one that is given is kept."""
+    as_read = read_track(written(tmp_path, TEXT)).rows()
+    still = [replace(pose, velocity=(0.0, 0.0, 0.0)) for pose in as_read]
+    assert track_of(still, "--trajectory") == as_read
+    assert track_of(still[:1], "--trajectory") == (still[0],)
+    given = (replace(still[0], velocity=(1.0, 0.0, 0.0)), *still[1:])
+    assert track_of(given, "--trajectory") == given
+    far = [Pose((0.0, 0.0, 0.5)), Pose((1e6, 0.0, 0.5), time_s=1.0)]
+    with pytest.raises(InputError, match=r"--trajectory: pose 1 is reached at 1e\+06 m/s from the pose before"):
+        track_of(far, "--trajectory")
 
 
 # --- drives -----------------------------------------------------------------------------------------------------------

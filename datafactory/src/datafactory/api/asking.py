@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
 
@@ -49,8 +48,8 @@ from datafactory.scenes.poses import Pose, Speeds, checked_speeds, parse_speeds,
 from datafactory.scenes.readers.common import Reading, parse_variants
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
-from datafactory.scenes.tracks import read_track
-from datafactory.scenes.traffic.arrange import parse_populate
+from datafactory.scenes.tracks import read_track, track_of
+from datafactory.scenes.traffic.arrange import Asked, parse_populate
 from datafactory.scenes.traffic.population import populated
 from datafactory.synthesis.cube import synthesis_problem
 from shared.dataset.locations import locate
@@ -70,6 +69,8 @@ def load_scene(asked: LoadOptions) -> Scene:
     """
     scene, traffic = asked.source, asked.populate
     traffic = parse_populate(traffic) if isinstance(traffic, str) else traffic
+    if not isinstance(traffic, Asked | None):
+        raise InputError("--populate", repr(traffic), "text such as 'cars=20,parked=0.6'")
     reading = Reading(parse_variants(asked.variant), asked.allow_missing)
     if not isinstance(scene, Scene):
         scene = open_scene(str(scene), reading)
@@ -87,7 +88,10 @@ def poses_of(poses: PosesLike | None) -> tuple[Pose, ...]:
     """:raises InputError: a file that is unreadable or wrong, or what is no pose"""
     if poses is None:
         return ()
-    return read_poses(Path(poses)) if isinstance(poses, str | Path) else _each(Pose, poses, "--poses")
+    found = read_poses(Path(poses)) if isinstance(poses, str | Path) else _each(Pose, poses, "--poses")
+    if not found:
+        raise InputError("--poses", repr(poses), "one pose or more")
+    return found
 
 
 def _each(kind: type[T], values: object, option: str) -> tuple[T, ...]:
@@ -112,7 +116,10 @@ def trajectory_of(
         return (), None
     if isinstance(trajectory, Drives):
         return (), trajectory if frame_rate is None else replace(trajectory, rate_hz=frame_rate)
-    several = (trajectory,) if isinstance(trajectory, str | Path) else tuple(trajectory)
+    several = (trajectory,) if isinstance(trajectory, str | Path) else trajectory
+    several = tuple(several) if isinstance(several, Iterable) else ()
+    if not several:
+        raise InputError("--trajectory", repr(trajectory), "drives, or files or tracks of poses, one or more")
     drawn = [item for item in several if isinstance(item, str) and item.partition(":")[0] == WORD]
     if drawn:
         if len(several) > 1:
@@ -128,10 +135,7 @@ def _track_of(item: str | Path | Sequence[Pose], frame_rate: float | None) -> tu
         track = _each(Pose, item, "--trajectory")
         if not track:
             raise InputError("--trajectory", "a track without poses", "one or more")
-        for before, after in pairwise(pose.time_s for pose in track):
-            if after <= before:
-                raise InputError("--trajectory", f"time_s = {after:g} after {before:g}", "poses in time")
-        return track
+        return track_of(track, "--trajectory")
     curve = read_track(Path(item))
     return curve.rows() if frame_rate is None else curve.resampled(frame_rate)
 

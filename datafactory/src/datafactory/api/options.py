@@ -132,7 +132,8 @@ class SensorOptions(PosedOptions):
     trajectory: Annotated["TrajectoryLike | None", Option(
         "CSV or JSON file of poses with times, a sequence of frames; may be repeated. "
         "Or drive[:speed=M/S][,seconds=S]: drives drawn along the streets, --frames in all.",
-        "Or the poses of each sequence.", typed=list[str], metavar="FILE|drive")] = None
+        "Or the poses of each sequence; where none of them has a velocity, that of their places.",
+        typed=list[str], metavar="FILE|drive")] = None
     frame_rate: Annotated[float | None, Option(
         "Frames a second along a trajectory; by default a frame a row, 10 of drives.")] = None
 

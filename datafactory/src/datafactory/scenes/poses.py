@@ -77,16 +77,17 @@ class Pose:
     time_s: float = 0.0
 
     def __post_init__(self) -> None:
-        """:raises InputError: a number that is not finite, a place or a velocity of other than three"""
+        """:raises InputError: what is no finite number, a place or a velocity of other than three"""
         for name in ("position", "velocity"):
-            values = tuple(map(float, getattr(self, name)))
-            if len(values) != 3 or not all(map(math.isfinite, values)):
-                raise InputError("Pose", f"{name} = {values}", "three finite numbers")
+            values = _finite(given := getattr(self, name))
+            if len(values) != 3:
+                raise InputError("Pose", f"{name} = {given!r}", "three finite numbers")
             object.__setattr__(self, name, values)
         for name in ("yaw_deg", "pitch_deg", "roll_deg", "time_s"):
-            if not math.isfinite(value := float(getattr(self, name))):
-                raise InputError("Pose", f"{name} = {value}", "a finite number")
-            object.__setattr__(self, name, value)
+            values = _finite([given := getattr(self, name)])
+            if not values:
+                raise InputError("Pose", f"{name} = {given!r}", "a finite number")
+            object.__setattr__(self, name, values[0])
 
     def _rotation(self) -> Rotation:
         return Rotation.from_euler("ZYX", [self.yaw_deg, self.pitch_deg, self.roll_deg], degrees=True)
@@ -107,6 +108,15 @@ class Pose:
         """The same rotation as unit quaternion (w, x, y, z), w not negative."""
         w, x, y, z = self._rotation().as_quat(canonical=True, scalar_first=True)
         return float(w), float(x), float(y), float(z)
+
+
+def _finite(given: Iterable[Any]) -> tuple[float, ...]:
+    """Plain numbers; none where any is no finite number."""
+    try:
+        values = tuple(map(float, given))
+    except (TypeError, ValueError, OverflowError):
+        return ()
+    return values if all(map(math.isfinite, values)) else ()
 
 
 Coordinate = Annotated[FiniteFloat, Field(ge=-FARTHEST_M, le=FARTHEST_M)]

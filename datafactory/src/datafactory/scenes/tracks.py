@@ -2,9 +2,13 @@
 
 Between two rows a track is a cubic in each coordinate (Hermite form), and its velocity is that cubic's derivative.
 Where no velocities are given, that at a row is of the parabola through it and its neighbours, which errs by h^2 / 6
-times the third derivative for rows h apart; it is zero where a neighbour has the same place: the sensor stands. The
-attitude turns at a constant rate from row to row, the shorter way (K. Shoemake, "Animating rotation with quaternion
-curves", SIGGRAPH 1985).
+times the third derivative for rows h apart. At an end it is zero where it would point away from the neighbour, as C.
+Moler has it ("Numerical Computing with MATLAB", section 3.6): the sensor sets out from rest. Nowhere is it more than
+three times the mean velocity to either neighbour, the bound up to which a cubic keeps to one direction (C. de Boor and
+B. Swartz, "Piecewise monotone interpolation", J. Approximation Theory 21, 1977): beside an equal place it is zero, the
+sensor stands. So a constant acceleration is exact, unless it turns the sensor back between two rows. The attitude turns
+at a constant rate from row to row, the shorter way (K. Shoemake, "Animating rotation with quaternion curves", SIGGRAPH
+1985).
 
 A file is a table (CSV) with a line for each pose, or the JSON list that ``--poses`` reads, with times.
 """
@@ -13,6 +17,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -65,8 +70,14 @@ class Curve:
     def _slopes(self) -> Real:
         """[n, 3] velocities at the rows, by their places."""
         slopes = np.gradient(self.position, self.time_s, axis=0, edge_order=2 if len(self.time_s) > 2 else 1)
-        stays = (np.diff(self.position, axis=0) == 0.0).all(axis=1)
-        slopes[np.append(stays, False) | np.append(False, stays)] = 0.0
+        means = np.diff(self.position, axis=0) / np.diff(self.time_s)[:, None]
+        for end in (0, -1):
+            if slopes[end] @ means[end] < 0.0:
+                slopes[end] = 0.0
+        mps = np.linalg.norm(means, axis=1)
+        most = 3.0 * np.minimum(np.append(mps, np.inf), np.append(np.inf, mps))
+        fast = np.linalg.norm(slopes, axis=1) > most
+        slopes[fast] *= (most[fast] / np.linalg.norm(slopes[fast], axis=1))[:, None]
         return np.asarray(slopes)
 
     def rows(self) -> tuple[Pose, ...]:
@@ -184,9 +195,30 @@ def _from_table(path: Path) -> Curve:
     return _curve(path, rows, [f"line {number}" for number, _ in lines[1:]])
 
 
-def _curve(path: Path, rows: list[_Entry], places: list[str]) -> Curve:
+def track_of(poses: Sequence[Pose], source: str) -> tuple[Pose, ...]:
+    """Poses as a track. Where none of them has a velocity it is that of the places, as in a file without.
+
+    :param source: what they were given as
+    :raises InputError: times that do not rise, or a way between two poses that nothing drives
+    """
+    if len(poses) == 1:
+        return tuple(poses)
+    stated = any(any(pose.velocity) for pose in poses)
+    rows = [
+        _Entry.model_construct(
+            time=pose.time_s, position=list(pose.position), velocity=list(pose.velocity) if stated else None,
+            yaw_deg=pose.yaw_deg, pitch_deg=pose.pitch_deg, roll_deg=pose.roll_deg,
+        )
+        for pose in poses
+    ]  # fmt: skip
+    curve = _curve(source, rows, [f"pose {number}" for number in range(len(rows))])
+    return tuple(poses) if stated else curve.rows()
+
+
+def _curve(path: Path | str, rows: list[_Entry], places: list[str]) -> Curve:
     """The rows as a curve.
 
+    :param path: the file, or what they were given as
     :param places: where in the file each stands
     """
     if len(rows) < 2:
