@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,8 @@ from datafactory.scenes.network.conversion import Network, read_network
 from datafactory.scenes.network.town import town, write_town
 from datafactory.scenes.readers.open import open_scene
 from shared.physics.errors import InputError
+
+SPEED = 'max="30" unit="km/h"'
 
 pytest.importorskip("sumo", reason="SUMO is not installed: pip install 'sparseradar-datafactory[opendrive]'")
 
@@ -64,6 +67,42 @@ def test_lanes_lie_beside_the_analytic_reference_line(own: Network) -> None:
         assert s.max() == pytest.approx(LINE_M + ARC_M, abs=0.05)
         assert len(lane.points) > 20
     assert found == {True, False}
+
+
+@pytest.mark.parametrize(
+    ("speed", "mps"),
+    [
+        ('max="30" unit="km/h"', 30.0 / 3.6),
+        ('max="20" unit="mph"', 8.9408),
+        ('max="8.33" unit="m/s"', 8.33),
+        ('max="8.33"', 8.33),
+        ('max="no limit"', conversion.UNLIMITED_MPS),
+        ('max="undefined"', conversion.USUAL_MPS),
+        ('max="-1" unit="km/h"', conversion.USUAL_MPS),
+        ('max="5" unit="knots"', conversion.USUAL_MPS),
+    ],
+)
+def test_a_road_has_the_speed_limit_that_it_states(tmp_path: Path, speed: str, mps: float) -> None:
+    path = tmp_path / "own.xodr"
+    path.write_text(opendrive().replace(SPEED, speed).replace("<OpenDRIVE>", '<OpenDRIVE xmlns="x">'), encoding="utf-8")
+    assert list(read_network(path, "opendrive", tmp_path).speeds.values()) == [pytest.approx(mps, abs=1e-4)] * 6
+
+
+def test_speed_limits_change_along_a_road_and_a_lane_has_its_own(tmp_path: Path) -> None:
+    """In each direction of each road; repeated, at the end of a road and beyond it a limit changes nothing."""
+    more = "".join(f'<type s="{s}" type="town"><speed max="14"/></type>' for s in (40, 70))
+    text = opendrive()
+    for length in (LINE_M + ARC_M, OTHER_M):
+        beyond = f'<type s="{length}" type="town"><speed max="99"/></type><type s="900" type="town"/>'
+        text = re.sub(rf'(<road name="" length="{length}".*?</type>)', rf"\1{more}{beyond}", text)
+    path = tmp_path / "own.xodr"
+    path.write_text(text, encoding="utf-8")
+    speeds = read_network(path, "opendrive", tmp_path).speeds
+    assert speeds["1#0"] == speeds["-1#0"] == pytest.approx(30.0 / 3.6, abs=1e-4)
+    assert speeds["1#1"] == speeds["-1#1"] == 14.0
+    assert len(speeds) == 12
+    path.write_text(text.replace("</lane>", '<speed sOffset="20" max="6"/></lane>'), encoding="utf-8")
+    assert {round(speed, 2) for speed in read_network(path, "opendrive", tmp_path).speeds.values()} == {8.33, 6.0}
 
 
 def test_roads_are_as_large_as_their_lanes_and_lie_above_the_land(built: tuple[list[Placement], int]) -> None:
