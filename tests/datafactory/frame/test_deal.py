@@ -209,6 +209,13 @@ def test_drawn_drives_that_are_slow_or_alike_are_said() -> None:
     assert replace(deal, drives=None).remarks() == []
 
 
+def test_poses_under_the_ground_are_said() -> None:
+    low = Pose((0.0, 0.0, -0.5))
+    for given in ({"poses": (low, POSES[0])}, {"tracks": ((low, POSES[0]),), "track_scenes": (0,)}):
+        deal = Deal(scenes=1, traffic=(Movers(TOWN),), **given)
+        assert deal.remarks([TOWN]) == ["town: 1 of 2 poses are under the ground or inside something"]
+
+
 def test_scenes_without_a_frame_are_said() -> None:
     traffic = tuple(Movers(Scene(name, (CAR,))) for name in "abc")
     rest = "2 of 3 scenes have no frame: b, c"

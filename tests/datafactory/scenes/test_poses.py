@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from town_scenes import BUILDINGS, CAR, PLATE, POLE, TOWN, box, flat, sheet
 
-from datafactory.scenes.ground import CELL_M, CLEARANCE_M, SPLITS, free_ground, height_map
+from datafactory.scenes.ground import CELL_M, CLEARANCE_M, SPLITS, buried, free_ground, height_map
 from datafactory.scenes.poses import DRAWN_SPEEDS, SENSOR_HEIGHT_M, Pose, read_poses, sample_pose
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.targets.models import Car
@@ -108,6 +108,20 @@ def test_a_pose_holds_plain_numbers() -> None:
     pose = Pose(np.array([1, 2, 3]), velocity=np.zeros(3, dtype=np.float32))  # type: ignore[arg-type]
     assert pose == Pose((1.0, 2.0, 3.0))
     assert json.dumps(pose.position) == "[1.0, 2.0, 3.0]"
+
+
+def test_places_under_the_ground_and_inside_what_stands_are_found():
+    """Not those under a bridge, under a sheet, under a car or beside the scene; what moves is not looked at."""
+    parked, bridge = (
+        box("parked", (3.0, -4.0, 0.3), (7.0, -2.0, 1.5)),
+        box("bridge", (20.0, -5.0, 4.0), (24.0, 5.0, 5.0)),
+    )
+    scene = Scene("town", (*TOWN.objects, parked, bridge, sheet("canopy", (40.0, 44.0), (-2.0, 2.0), lambda x, y: 3.0)))
+    hidden = [(0.0, 0.0, -0.5), (5.0, -3.0, 0.5), (22.0, 0.0, 4.5), (22.0, 0.0, -0.5), (-80.0, 20.0, -0.5)]
+    seeing = [(0.0, 0.0, 0.5), (5.0, -3.0, 0.1), (22.0, 0.0, 0.5), (42.0, 0.0, 0.5), (5.0, 3.0, 0.5), (5.0, -3.0, 1.6),
+              (0.0, 0.0, 20.0), (500.0, 0.0, -1.0)]  # fmt: skip
+    assert buried(scene, np.array([*hidden, *seeing])).tolist() == [True] * len(hidden) + [False] * len(seeing)
+    assert buried(scene, np.zeros((0, 3))).tolist() == []
 
 
 def free_centres(ground):

@@ -29,7 +29,7 @@ from datafactory.frame.points import PointTargets
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.scenes.boxes import CLEAR_M, BoxedThing, Movers
 from datafactory.scenes.drives import CRUISING_SPEEDS, Drives, draw_drive
-from datafactory.scenes.ground import Ground, sensor_ground
+from datafactory.scenes.ground import Ground, buried, sensor_ground
 from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import DRAWN_SPEEDS, Pose, Speeds, sample_pose
 from datafactory.scenes.scene import Scene
@@ -287,10 +287,13 @@ class Deal(Wanted):
             frame_id, "scene", split, seed, scene=scene, pose=pose, stored=stored, sequence=sequence, shared_seed=shared
         )
 
-    def remarks(self) -> list[str]:
-        """What to say of scenes without a frame, of poses at which everything that had samples stands still, of drawn
-        drives that are slow or alike, of tracks of different splits that come near each other, and of given poses that
-        something of a population drives or walks through."""
+    def remarks(self, opened: Sequence[Scene] = ()) -> list[str]:
+        """What to say of scenes without a frame, of poses at which everything that had samples stands still, of those
+        that are under the ground or inside something, of drawn drives that are slow or alike, of tracks of different
+        splits that come near each other, and of given poses that something of a population drives or walks through.
+
+        :param opened: the scenes
+        """
         said = list[str]()
         # Dealt in turn, the first frames, or sequences, are those of the first scenes, one each.
         idle = [movers.scene for movers in self.traffic[len(self.tracks) or self.scene_frames :]]
@@ -304,6 +307,9 @@ class Deal(Wanted):
             if late := sum(pose.time_s >= movers.rests_from_s for pose in poses):
                 from_when = f"{movers.rests_from_s:g} s, from when on what has samples rests"
                 said.append(f"{movers.scene}: {late} of {len(poses)} poses are not before {from_when}")
+        for scene, poses in zip(opened, given, strict=False):
+            if hidden := int(buried(scene, np.array([pose.position for pose in poses]).reshape(-1, 3)).sum()):
+                said.append(f"{scene.name}: {hidden} of {len(poses)} poses are under the ground or inside something")
         said += self._remarks_on_drives()
         said += self._remarks_on_neighbours()
         near = 0

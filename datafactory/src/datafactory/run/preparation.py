@@ -206,7 +206,7 @@ def prepare(order: Order, table: MaterialTable, announce: Announce = silent) -> 
     if opened and (said := table.unmatched(sorted({item.material for scene in opened for item in scene.objects}))):
         announce(said)
     deal = dealt(order, opened)
-    for said in deal.remarks():
+    for said in deal.remarks(opened):
         announce(said)
     plans = plan_shards((PATHS,) * len(deal) if order.paths_alone else deal.splits())
     traced, of_scenes = order.traced, order.of_scenes

@@ -139,6 +139,37 @@ def _rasterise(corners, index, surface, highest, owner):
                     owner[i, j] = index
 
 
+def buried(scene: Scene, places: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """[n] whether a place [n, 3] is under the ground or inside a solid, by the nearest faces straight above and below
+    it of what does not move: there is one above, and none below; or the one above looks up, and the one below down.
+
+    :param places: in the world [m]
+    """
+    order = np.argsort(places[:, 0])
+    x = places[order, 0]
+    above, below = np.full(len(places), np.inf), np.full(len(places), np.inf)
+    inside, under = np.zeros(len(places), dtype=bool), np.zeros(len(places), dtype=bool)
+    for item in scene.objects:
+        if item.moves:
+            continue
+        corners = item.vertices[item.triangles]
+        first = np.searchsorted(x, corners[..., 0].min(axis=1))
+        count = np.searchsorted(x, corners[..., 0].max(axis=1), side="right") - first
+        place = order[np.arange(count.sum()) + np.repeat(first - np.cumsum(count) + count, count)]
+        a, b, c = np.moveaxis(np.repeat(corners, count, axis=0) - places[place, None], 1, 0)
+        # Twice the signed areas, from above, of the triangles that the place makes with two corners.
+        parts = np.stack([p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0] for p, q in ((b, c), (c, a), (a, b))])
+        area = parts.sum(axis=0)
+        hit = np.flatnonzero((area != 0.0) & (parts * np.sign(area) >= 0.0).all(axis=0))
+        height = (parts[0] * a[:, 2] + parts[1] * b[:, 2] + parts[2] * c[:, 2])[hit] / area[hit]
+        for n, up, z in zip(place[hit], area[hit] > 0.0, height, strict=True):
+            if 0.0 < z < above[n]:
+                above[n], inside[n] = z, up
+            elif z <= 0.0 and -z < below[n]:
+                below[n], under[n] = -z, not up
+    return np.isfinite(above) & (np.isinf(below) | (inside & under))
+
+
 @dataclass(frozen=True)
 class Ground:
     """Free ground on the grid of a height map; every array is [nx, ny].
