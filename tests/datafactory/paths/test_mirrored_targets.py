@@ -18,7 +18,7 @@ from sionna_scenes import WAVELENGTH_M, plate
 
 from datafactory.frame.measurement import object_targets
 from datafactory.paths.candidates import TARGET_SEEN
-from datafactory.paths.mirrors import points_of_reflection
+from datafactory.paths.feet import points_of_reflection
 from datafactory.paths.table import SPECULAR, TARGET
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, SceneObject

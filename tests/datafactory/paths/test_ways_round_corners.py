@@ -27,12 +27,13 @@ from datafactory.paths.backend import select_variant
 from datafactory.paths.diffraction import EdgeRays, rays_over_edges
 from datafactory.paths.echo_points import EchoPoints
 from datafactory.paths.edges import edges_of
+from datafactory.paths.feet import NEAREST_M
 from datafactory.paths.geometry import clear_between
 from datafactory.paths.merged_scene import MergedScene, merge_scene
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import DIFFRACTED, TARGET, ScatteredPaths
 from datafactory.paths.targets import FAINTEST, TARGETS_AT_ONCE, TargetEchoes, echoes_round_corners
-from datafactory.paths.view import FADED, NEAREST_M, panes_between
+from datafactory.paths.view import FADED, panes_between
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.targets.bodies import Sphere

@@ -23,11 +23,12 @@ import numpy as np
 
 from datafactory.paths.cells import cell_of, thinned
 from datafactory.paths.columns import WHOLE, Columns
+from datafactory.paths.feet import NEAREST_M
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import share_at
 from datafactory.paths.solver import Bundle
 from datafactory.paths.table import DIFFUSE, SPECULAR
-from datafactory.paths.view import NEAREST_M, Hits, View, Waves, polarization_axis
+from datafactory.paths.view import Hits, View, Waves, polarization_axis
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Complex, Index, Real, dots, lengths, taken
 

@@ -42,10 +42,11 @@ from numpy.typing import NDArray
 from datafactory.paths.columns import Columns, apart
 from datafactory.paths.curved_surfaces import CurvedSurfaces, curved_surfaces_of, turned_to
 from datafactory.paths.facets import share_within_rims
+from datafactory.paths.feet import NEAREST_M
 from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.mirrors import AHEAD_M, MirrorEchoes, plane_amplitude, way_and_back
 from datafactory.paths.table import ScatteredPaths, SpecularPaths
-from datafactory.paths.view import NEAREST_M, View
+from datafactory.paths.view import View
 from shared.physics.vectors import Complex, Index, Mask, Real, dots, unit
 
 INSIDE = 1e-6

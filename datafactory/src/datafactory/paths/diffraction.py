@@ -28,20 +28,21 @@ of their materials; at a rim the sheet also transmits. Amplitudes are conjugates
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.special import fresnel
 
 from datafactory.paths.candidates import EDGE, Candidates
 from datafactory.paths.columns import Columns
 from datafactory.paths.edges import WedgeEdges
-from datafactory.paths.facets import TAPER
+from datafactory.paths.facets import COPLANAR_M, TAPER
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import DIFFRACTED, ScatteredPaths, SpecularPaths
 from datafactory.paths.view import View, polarization_axis
 from shared.physics.compiled import compiled
-from shared.physics.vectors import Complex, Index, Mask, Real, dots, unit
+from shared.physics.vectors import Complex, Index, Mask, Real, dots, lengths, unit
 from shared.physics.wedge import WedgeGeometry, diffraction_coefficient
 
 Heard = tuple[ScatteredPaths, SpecularPaths, dict[str, int]]
@@ -57,6 +58,9 @@ NEAREST_M = 0.05
 """Nearer edges are left out: the theory holds from several wavelengths on [m]."""
 BESIDE_M = 0.01
 """Distance from the edge at which the lines of sight to it pass [m]."""
+TIED_M, TIED = 1e-6, 1e-9
+"""A foot that lies nearer to a rim [m] is on the side on which the mirrors have it, by this angle [rad]. Mirrors reach
+beyond their rims by rounding, :data:`.feet.INSIDE` of their size."""
 GRAZING = 1e-6
 """Angles from a face [rad], and cosines of incidence, below which a ray counts as inside the face."""
 
@@ -173,13 +177,13 @@ def field_over_edges(
     slabs: Slabs,
     source_axis: Real,
     observer_axis: Real,
-    mirrors_end: bool = False,
+    reflects: Mask | None = None,
 ) -> Complex:
     """G [K] [1/m] of the rays, exp(+j omega t), without the phase of the path's length.
 
     :param source_axis, observer_axis: [K, 3] unit vectors of the polarisations sent and received
-    :param mirrors_end: whether the specular paths contain the mirrors' finite size (:mod:`.facets`), and with it a part
-        of a rim's wave; that part is then left out here
+    :param reflects: [K, 2] over which faces there is a specular path that contains the mirror's finite size
+        (:mod:`.facets`), and with it a part of a rim's wave; that part is then left out here
     """
     geometry, chosen = rays.geometry, edges.take(rays.edge)
     wavelength = slabs.wavelength_m
@@ -194,8 +198,9 @@ def field_over_edges(
         mesh = chosen.face_mesh[:, face]
         mirror = np.array(slabs.reflection(mesh, cosine)) * slabs.unscattered(mesh)
         through = np.array(slabs.transmission(mesh, cosine))
-        if mirrors_end:
-            mirror = mirror * _rim_share(angle, geometry.source_distance_m, wavelength)
+        if reflects is not None:
+            rest = _rim_share(angle, geometry.source_distance_m, wavelength)
+            mirror = mirror * np.where(reflects[:, face], rest, 1.0)
         reflection.append(mirror)
         passed.append(np.where(chosen.exterior_n == 2.0, through, 0.0))
     soft, hard = (
@@ -218,10 +223,11 @@ class EdgeEchoes:
 
     def __init__(self, view: View) -> None:
         self._view, settings, wavelength = view, view.settings, view.wavelength_m
-        self.rays = rays_over_edges(view.edges, np.zeros(3), np.zeros(3), wavelength)
+        rays = rays_over_edges(view.edges, np.zeros(3), np.zeros(3), wavelength)
+        self.rays, reflects = _as_mirrors_have_it(view.edges, rays, view.feet[1])
         axes = [polarization_axis(self.rays.inward, which) for which in settings.polarization]
         mirrors_end = settings.finite_mirrors and settings.specular
-        field = field_over_edges(view.edges, self.rays, view.slabs, axes[0], axes[1], mirrors_end)
+        field = field_over_edges(view.edges, self.rays, view.slabs, axes[0], axes[1], reflects if mirrors_end else None)
         self.amplitude = np.conj(wavelength / (4.0 * np.pi) * field)
 
     @property
@@ -276,16 +282,42 @@ def _edge_share(low: Real, high: Real) -> Complex:
     return share * np.exp(0.5j * np.pi * missed**2)
 
 
+def _as_mirrors_have_it(edges: WedgeEdges, rays: EdgeRays, feet: Real) -> tuple[EdgeRays, Mask]:
+    """Rays back to the radar, and over which of their two faces [K, 2] there is a specular path.
+
+    A flat face has one where the mirrors have the foot of the perpendicular on its plane: beyond the rim and on another
+    piece of the plane too, and beyond the opposite rim of a narrow face not. Beyond the end of an edge, and of a curved
+    surface, the angle decides, as if the face went on.
+
+    Straight before a rim rounding decides on which side of it the foot is, and with it the sign of the wedge's
+    reflected wave, which has to close the gap that the mirror leaves: the ray is put on the mirrors' side.
+
+    :param feet: [n, 3] of the perpendiculars from the radar, on the mirrors [m]
+    """
+    chosen, mirrors = edges.take(rays.edge), cKDTree(feet)
+    angle, whole = rays.geometry.source_angle_rad, chosen.exterior_n * np.pi
+    reflects = np.zeros((len(rays), 2), dtype=bool)
+    for face, normal in enumerate((chosen.normal_0, chosen.normal_n)):
+        foot = dots(rays.point, normal)[:, None] * normal
+        there = np.isfinite(mirrors.query(foot, distance_upper_bound=COPLANAR_M)[0])
+        before = (whole - angle if face else angle) < 0.5 * np.pi
+        flat, beyond_end = chosen.flat[:, face], rays.at_end
+        reflects[:, face] = (flat & there) | (before & (beyond_end | ~flat))
+        tied = flat & (before != there) & (lengths(foot - rays.point) < TIED_M)
+        side = 0.5 * np.pi + np.where(there, -TIED, TIED)
+        angle = np.where(tied, whole - side if face else side, angle)
+    geometry = replace(rays.geometry, source_angle_rad=angle, observer_angle_rad=angle)
+    return replace(rays, geometry=geometry), reflects
+
+
 def _rim_share(angle: Real, distance_m: Real, wavelength_m: float) -> Real:
     """[K] share of a rim's wave that the specular path over its face, seen at ``angle``, does not contain.
 
-    The specular point lies h |cos| inside the face, h sin before it: rho^2 = 2 h cos^2 / (lambda sin) Fresnel zones.
-    The specular path contains the rim with the weight exp(-rho^2 / TAPER); without a specular point there is no such
-    path. A narrow face, whose specular point would lie beyond the opposite rim, is treated as if it had one: its rims
-    are a little too weak.
+    The specular point lies h |cos| from the rim, h sin before the face: rho^2 = 2 h cos^2 / (lambda sin) Fresnel zones.
+    The specular path contains the rim with the weight exp(-rho^2 / TAPER).
     """
     zones = 2.0 * distance_m * np.cos(angle) ** 2 / (wavelength_m * np.maximum(np.sin(angle), GRAZING))
-    return np.where((angle < 0.5 * np.pi) & (angle > 0.0), 1.0 - np.exp(-zones / TAPER), 1.0)
+    return 1.0 - np.exp(-zones / TAPER)
 
 
 def _sight_points(edges: WedgeEdges, rays: EdgeRays) -> Real:

@@ -42,6 +42,7 @@ class WedgeEdges(Placed):
     :param exterior_n: [E] n, above 1 and at most 2
     :param face_mesh: [E, 2] index into ``MergedScene.meshes`` of the two faces' materials; a half plane has the same
         twice
+    :param flat: [E, 2] whether either face is flat, and samples no curved surface
     :param turn: [E, 3] velocity of the end less ``velocity``, that of the start, over the length [1/s]
     :param object_index: [E] index into ``MergedScene.objects`` of the 0-face
     :param counts: what was found and left out: ``edges``, ``half_planes``, ``merged``, ``flat``, ``non_manifold``,
@@ -55,6 +56,7 @@ class WedgeEdges(Placed):
     normal_n: Real = field(metadata=DIRECTION)
     exterior_n: Real
     face_mesh: Index
+    flat: Mask
     turn: Real = field(metadata=DIRECTION)
     object_index: NDArray[np.int32]
 
@@ -121,6 +123,7 @@ def _wedges(body: Body) -> WedgeEdges:
         normal_n=np.cross(into[1], direction),
         exterior_n=exterior_n,
         face_mesh=body.mesh[faces].reshape(-1, 2),
+        flat=smooth_facets(body).surface[faces].reshape(-1, 2) < 0,
         velocity=velocity,
         turn=(at_end - velocity) / np.linalg.norm(end - start, axis=1, keepdims=True),
         shift=np.zeros(start.shape),

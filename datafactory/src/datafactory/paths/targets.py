@@ -29,9 +29,10 @@ from datafactory.paths.candidates import TARGET_MIRRORED, TARGET_SEEN, Candidate
 from datafactory.paths.columns import pairs_in_runs, place_in_run
 from datafactory.paths.diffraction import BESIDE_M, EdgeRays, Heard, along_array, field_over_edges, rays_over_edges
 from datafactory.paths.echo_points import EchoPoints, Seen, all_echo_points
+from datafactory.paths.feet import NEAREST_M
 from datafactory.paths.mirrored_targets import DirectWays, echoes_over_mirrors
 from datafactory.paths.table import DIFFRACTED, REFRACTED, TARGET, ScatteredPaths, SpecularPaths
-from datafactory.paths.view import EDGES_WITHIN_M, FAINTEST, NEAREST_M, View, panes_between, polarization_axis
+from datafactory.paths.view import EDGES_WITHIN_M, FAINTEST, View, panes_between, polarization_axis
 from shared.physics.units import db_to_power
 from shared.physics.vectors import Complex, Index, Mask, Real, dots, lengths
 
@@ -174,7 +175,7 @@ class TargetEchoes:
 
     Radar equation for isotropic antennas of unit power: lambda sqrt(sigma) / ((4 pi)^(3/2) R^2), times the panes'
     transmission both ways. With second bounces and mirrors, those over mirrors too
-    (:mod:`datafactory.paths.mirrored_targets`). What stands within :data:`.view.NEAREST_M` of the sensor is left out
+    (:mod:`datafactory.paths.mirrored_targets`). What stands within :data:`.feet.NEAREST_M` of the sensor is left out
     and counted: there the antennas' own size matters, and the power of the equation has no bound.
 
     :param seed: of where in their cycle moving parts are at time 0

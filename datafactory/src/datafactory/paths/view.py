@@ -21,6 +21,7 @@ from datafactory.paths.corners import CornerEdges, CornerPoints, corners_of, poi
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.edges import WedgeEdges, edges_of
 from datafactory.paths.facets import reflected_share
+from datafactory.paths.feet import NEAREST_M, points_of_reflection
 from datafactory.paths.geometry import clear_between, first_hits, mesh_of_shape, ray_margin_m
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.scattering import has_lobes
@@ -44,9 +45,6 @@ FADED = 1e-6
 FAINTEST = 1e-4
 """One-way amplitude behind surfaces below which a target or a mirror counts as hidden: -160 dB both ways, as behind any
 wall."""
-NEAREST_M = 0.01
-"""Nearer surfaces do not scatter, nearer mirrors are left out, as the solver does, and no pane counts as nearer: the
-antennas' own size matters there."""
 
 
 @dataclass(frozen=True)
@@ -154,6 +152,12 @@ class View:
     def flat(self) -> Index:
         """The triangles that may be flat mirrors: those that sample no curved surface."""
         return curved_surfaces_of(self.merged).flat(len(self.merged.mesh_of_triangle))
+
+    @cached_property
+    def feet(self) -> tuple[Index, Real]:
+        """The flat triangles [n] that hold the foot of the perpendicular from the radar, and the feet [n, 3] [m]."""
+        _, found, foot = points_of_reflection(np.zeros((1, 3)), self.corners[self.flat], self.normals[self.flat])
+        return self.flat[found], foot
 
     @cached_property
     def edges(self) -> WedgeEdges:
