@@ -38,7 +38,7 @@ from datafactory.paths.view import View
 from datafactory.scenes.poses import Pose, read_poses
 from datafactory.scenes.scene import Scene, SceneObject
 from shared.physics.units import SPEED_OF_LIGHT
-from shared.radar import Radar
+from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AntennaArray
 from shared.signal.windows import angle_window, cell_noise_power, width_and_sidelobe
 
@@ -91,6 +91,45 @@ def test_a_mirror_counts_as_far_as_the_image_is_in_focus_there() -> None:
         shown = np.abs((window * np.exp(2j * np.pi * focus / wavelength)).sum(axis=1)).max() / window.sum()
         counted_db = 10.0 * np.log10(limit / (1e-3 * power))
         assert counted_db - 20.0 * np.log10(shown) == pytest.approx(0.0, abs=1.1)
+
+
+@pytest.mark.parametrize("below_noise", [True, False])
+@pytest.mark.parametrize(("start", "stop"), [(-0.85, 0.85), (-0.3, 0.2), (0.0, 0.95), (-1.0, 1.0)])
+def test_what_stands_beside_the_image_counts_as_far_as_its_main_lobe_reaches_in(
+    start: float, stop: float, below_noise: bool
+) -> None:
+    """Against the image of a point, by the sum over the virtual sensor's elements, at each of the grid's bins."""
+    radar = RADAR.model_copy(update={"grid": ImageGrid(u_start=start, u_stop=stop)})
+    notice = Notice(radar, -30.0, below_noise, antenna_pattern=False)
+    y, wavelength = radar.virtual_sensor.rx[:, 1], radar.waveform.wavelength_m
+    window, bins = angle_window("taylor-30", len(y)), radar.grid.u
+    power = 1e-3 * cell_noise_power(radar)
+    edges = np.linspace(-0.02, 0.02, 41)
+    reached = 0
+    for u in np.clip(np.concatenate([start + edges, stop + edges, [-1.0, 0.1, 1.0]]), -1.0, 1.0):
+        paths = hits(power)
+        place = 60.0 * np.array([[np.sqrt(1.0 - u**2), u, 0.0]])
+        limit = notice.limit_w(PathTable(replace(paths.scattered, tx_point=place, rx_point=place)))
+        lines = np.exp(2j * np.pi * (u - bins[:, None]) * y / wavelength) @ window
+        shown = float(np.abs(lines).max() / window.sum()) ** 2
+        counted = limit / (1e-3 * power)
+        if shown > 0.1:
+            assert 10.0 * np.log10(counted / shown) == pytest.approx(0.0, abs=0.8), u
+            reached += 1
+        else:
+            assert counted < 0.2, u
+    assert reached > 40
+
+
+def test_a_strong_mirror_beside_the_image_sets_no_limit() -> None:
+    """Not that of the budget, and not that which the strongest paths alone let through either."""
+    noise = cell_noise_power(RADAR)
+    ahead, beside = hits(10.0 * noise), hits(1e9 * noise).scattered
+    place = np.array([[0.0, 20.0, 0.0]])
+    both = PathTable(ScatteredPaths.joined([ahead.scattered, replace(beside, tx_point=place, rx_point=place)]))
+    for below_noise in (True, False):
+        notice = replace(NOTICE, below_noise=below_noise, antenna_pattern=False)
+        assert notice.limit_w(both) == pytest.approx(notice.limit_w(ahead), rel=1e-6, abs=0.0)
 
 
 def test_the_peak_is_that_of_first_hits_and_single_mirrors() -> None:

@@ -17,6 +17,7 @@ of their bin's power (incoherent sum, patterns applied): a weak echo far away is
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -109,16 +110,49 @@ def cell_numbers(range_m: Real, arrival: Real, radar: Radar, truth_window: str) 
 
     :param range_m: [K] [m]; :param arrival: [K, 3] points from which they come [m]
     """
-    elements, wavelength = radar.virtual_sensor.channels, radar.waveform.wavelength_m
-    aperture = float(np.ptp(radar.virtual_sensor.rx[:, 1]))
-    width = 2.0  # of a sensor that tells no angle
-    if aperture > 0.0:
-        spacing = aperture / (elements - 1) / wavelength
-        width = min(width_and_sidelobe(angle_window(truth_window, elements), spacing)[0], width)
+    width = min(_width_in_u(radar, truth_window), 2.0)
     columns = int(np.ceil(2.0 / width))
-    u = arrival[:, 1] / np.maximum(lengths(arrival), 1e-9)
     row = np.rint(range_m / radar.waveform.range_step_m).astype(np.int64)
-    return row, np.clip(((u + 1.0) / width).astype(np.int64), 0, columns - 1), columns
+    return row, np.clip(((_u_of(arrival) + 1.0) / width).astype(np.int64), 0, columns - 1), columns
+
+
+def share_on_grid(arrival: Real, radar: Radar, truth_window: str) -> Real:
+    """[K] of the power of echoes, what the truth's image shows of them: all within its first and last bin of u.
+
+    At the distance d beyond, the main lobe of -3 dB width w leaves 10^(-0.3 (2 d / w)^2) at the edge. The image of
+    elements in line repeats in u with the wavelength over their spacing. Sidelobes are not counted.
+
+    :param arrival: [K, 3] points from which they come [m]
+    """
+    width = _width_in_u(radar, truth_window)
+    if np.isinf(width):
+        return np.ones(len(arrival))
+    bins, period = radar.grid.u, 1.0 / _spacing(radar)
+    half, middle = 0.5 * (bins[-1] - bins[0]), 0.5 * (bins[-1] + bins[0])
+    off = _u_of(arrival) - middle
+    off -= period * np.rint(off / period)
+    return db_to_power(-3.0 * (2.0 * np.maximum(np.abs(off) - half, 0.0) / width) ** 2)
+
+
+def _u_of(arrival: Real) -> Real:
+    return arrival[:, 1] / np.maximum(lengths(arrival), 1e-9)
+
+
+def _spacing(radar: Radar) -> float:
+    """Of the virtual sensor's elements across, in wavelengths; 0 of one that tells no angle."""
+    sensor = radar.virtual_sensor
+    return float(np.ptp(sensor.rx[:, 1])) / max(sensor.channels - 1, 1) / radar.waveform.wavelength_m
+
+
+def _width_in_u(radar: Radar, truth_window: str) -> float:
+    """-3 dB width of the truth's image; infinite of a sensor that tells no angle."""
+    spacing = _spacing(radar)
+    return _width_of_line(truth_window, radar.virtual_sensor.channels, spacing) if spacing > 0.0 else np.inf
+
+
+@lru_cache(maxsize=8)
+def _width_of_line(truth_window: str, elements: int, spacing: float) -> float:
+    return width_and_sidelobe(angle_window(truth_window, elements), spacing)[0]
 
 
 def cell_power(paths: PathTable, radar: Radar, truth_window: str, weight: Real | float = 1.0) -> Real:

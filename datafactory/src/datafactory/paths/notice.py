@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from datafactory.paths.candidates import GROUPS, Candidates
-from datafactory.paths.cells import cell_numbers, cell_power
+from datafactory.paths.cells import cell_numbers, cell_power, share_on_grid
 from datafactory.paths.table import DIFFUSE, SPECULAR, PathTable, ScatteredPaths, SpecularPaths, amplitude_gain
 from shared.physics.compiled import compiled
 from shared.physics.units import db_to_power
@@ -31,7 +31,7 @@ from shared.radar import FrontEnd, Radar
 from shared.signal.windows import cell_noise_power
 
 FEW = 1000
-"""First echoes that are looked at before cells are summed."""
+"""First echoes that are looked at before cells are summed, as many of the strongest as of all."""
 
 
 @dataclass(frozen=True)
@@ -68,24 +68,27 @@ class Notice:
         if self.below_noise:
             few = strongest(table).within(self.radar).illuminated(self.front_end)
             amplitude = np.concatenate([few.scattered.amplitude, few.specular.amplitude])
-            power = self._in_focus(few) * np.abs(amplitude) ** 2
+            power = self._shown(few) * np.abs(amplitude) ** 2
             if budget * float(np.max(power, initial=0.0)) >= noise:
                 return noise
         lit = first_echoes(table).within(self.radar).illuminated(self.front_end)
-        of_budget = budget * float(cell_power(lit, self.radar, self.truth_window, self._in_focus(lit)).max(initial=0.0))
+        of_budget = budget * float(cell_power(lit, self.radar, self.truth_window, self._shown(lit)).max(initial=0.0))
         return min(of_budget, noise) if self.below_noise else of_budget
 
-    def _in_focus(self, paths: PathTable) -> Real:
-        """[K] share of a path's power that its cell of the truth's image shows, scattered paths first.
+    def _shown(self, paths: PathTable) -> Real:
+        """[K] share of a path's power that the truth's image shows, scattered paths first.
 
-        The image is focused on points. A mirror at R shows the TX at 2 R: over an aperture D its phase is off by up to
-        pi D^2 / (8 lambda R), a quarter of a turn at R = D^2 / (4 lambda). The echoes of nearer mirrors, the ground
-        below the sensor among them, spread over as many cells as they are nearer.
+        Of what arrives beside its grid it shows what reaches in (:func:`.cells.share_on_grid`). It is focused on
+        points. A mirror at R shows the TX at 2 R: over an aperture D its phase is off by up to pi D^2 / (8 lambda R), a
+        quarter of a turn at R = D^2 / (4 lambda). The echoes of nearer mirrors, the ground below the sensor among them,
+        spread over as many cells as they are nearer.
         """
         aperture_m = float(np.ptp(self.radar.virtual_sensor.rx[:, 1]))
         near_m = aperture_m**2 / (4.0 * self.radar.waveform.wavelength_m)
         mirrors = np.minimum(paths.specular.range_m() / near_m, 1.0) if near_m > 0.0 else np.ones(len(paths.specular))
-        return np.concatenate([np.ones(len(paths.scattered)), mirrors])
+        focus = np.concatenate([np.ones(len(paths.scattered)), mirrors])
+        arrival = np.concatenate([paths.scattered.rx_point, paths.specular.image])
+        return focus * share_on_grid(arrival, self.radar, self.truth_window)
 
     def power_w(self, candidates: Candidates) -> Real:
         """[N] the candidates' bounds as the radar lights them [W]; 0 beyond its unambiguous range."""
@@ -137,10 +140,16 @@ def _is_first(paths: ScatteredPaths | SpecularPaths) -> Mask:
 
 
 def strongest(table: PathTable) -> PathTable:
-    """Of either kind the ``FEW`` first echoes that are strongest on isotropic antennas."""
+    """Of either kind the ``FEW`` first echoes that are strongest on isotropic antennas, and as many spread over all.
+
+    Those near the sensor are the strongest; where its antennas or its image leave them out, the others say more.
+    """
     chosen = []
     for paths in (table.scattered, table.specular):
         index = np.flatnonzero(_is_first(paths))
-        power = np.abs(paths.amplitude[index]) ** 2
-        chosen.append(index[np.argpartition(-power, FEW)[:FEW]] if len(index) > FEW else index)
+        if len(index) > FEW:
+            power = np.abs(paths.amplitude[index]) ** 2
+            spread = np.arange(0, len(index), len(index) // FEW)
+            index = index[np.union1d(np.argpartition(-power, FEW)[:FEW], spread)]
+        chosen.append(index)
     return PathTable(table.scattered.take(chosen[0]), table.specular.take(chosen[1]))
