@@ -9,18 +9,23 @@ import numpy as np
 import pytest
 from oracles import scattered_delays, specular_delays
 from path_tables import a_table
+from prepared_scenes import prepared_scene
 
 from datafactory import load_radar, render
 from datafactory.effects.catalogue import ALL, NAMES, NO_CHOICE, PATH_EFFECTS, SIGNAL_EFFECTS, EffectSet
+from datafactory.effects.plan import Loss, plan_of_frame
 from datafactory.frame import decision
-from datafactory.frame.chain import ChainSettings
+from datafactory.frame.chain import ChainSettings, SceneSource, make_frames
+from datafactory.frame.deal import Deal
 from datafactory.frame.decision import Decided, doppler_called_for, path_effects
-from datafactory.frame.measurement import boxes_of
+from datafactory.frame.measurement import Processing, boxes_of
 from datafactory.frame.points import target_list
 from datafactory.paths.candidates import EDGE, PANE, TWICE, Candidates
 from datafactory.paths.cells import cell_power
+from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import DIFFRACTED, DIFFUSE, REFRACTED, PathTable, ScatteredPaths, SpecularPaths
 from datafactory.scenes.boxes import SeenThing
+from datafactory.scenes.poses import Pose
 from shared.dataset.folder import open_dataset
 from shared.radar import FrontEnd, Radar
 from shared.radar.waveform import Waveform
@@ -185,10 +190,65 @@ def test_the_cases_above_decide_both_ways() -> None:
     assert not doppler_called_for(slow, RADAR, WINDOW, limit)
     assert doppler_called_for(slow, RADAR, WINDOW, 0.0)
     assert doppler_called_for(fast, RADAR, WINDOW, limit)
-    # A standing frame is standing whatever the limit, and so is one of one chirp.
+    # A standing frame is standing whatever the limit.
     for limit_w in (0.0, 1e-12):
-        assert not doppler_called_for(a_street(np.random.default_rng(3), 0.0, 2.0), RADAR, WINDOW, limit_w)
-        assert not doppler_called_for(fast, RADAR.of_one_chirp, WINDOW, limit_w)
+        for radar in (RADAR, RADAR.of_one_chirp):
+            assert not doppler_called_for(a_street(np.random.default_rng(3), 0.0, 2.0), radar, WINDOW, limit_w)
+
+
+@pytest.mark.parametrize(("share", "moves"), [(0.9, True), (1.1, False)])
+@pytest.mark.parametrize("speed_mps", [0.5, 20.0])
+def test_one_chirp_shows_the_motion_within_it(speed_mps: float, share: float, moves: bool) -> None:
+    """Where what it changes exceeds the limit, all of it together; where nothing may be left out, if anything moves."""
+    radar = RADAR.of_one_chirp
+    paths = PathTable(a_street(np.random.default_rng(3), speed_mps, 40.0).scattered)
+    change = decision.intra_chirp_change(decision.range_rates_mps(paths, radar.waveform), radar.waveform) ** 2
+    limit = share * float(cell_power(paths, radar, WINDOW, change).max())
+    assert doppler_called_for(paths, radar, WINDOW, limit) == moves
+    assert doppler_called_for(paths, radar, WINDOW, 0.0)
+
+
+APPROACHING = """#usda 1.0
+(
+    metersPerUnit = 1
+    upAxis = "Z"
+)
+def Xform "Target" {
+    custom float radar:rcs_dbsm = 10
+    custom double3 radar:velocity = (-50, 0, 0)
+    double3 xformOp:translate = (15, 1, 0)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+"""
+
+
+@pytest.mark.usefixtures("variant")
+@pytest.mark.parametrize("chirps", [1, 16])
+@pytest.mark.parametrize("budget_db", [None, -30.0], ids=["all", "auto"])
+def test_an_echo_is_displaced_by_its_motion_within_a_chirp(
+    tmp_path: Path, chirps: int, budget_db: float | None
+) -> None:
+    """By 2 v T_c / lambda bins towards the sensor, 2.1 at 50 m/s, in input and truth; one chirp tells no velocity."""
+    (tmp_path / "target.usda").write_text(APPROACHING, encoding="utf-8")
+    waveform = WAVEFORM.model_copy(update={"chirps": chirps, "range_bins": 128})
+    radar, scene = RADAR.model_copy(update={"waveform": waveform}), prepared_scene(tmp_path / "target.usda")
+    place = waveform.mid_frame_s * -50.0 + np.hypot(15.0, 1.0)
+    bins = 2.0 * 50.0 * waveform.chirp_duration_s / waveform.wavelength_m
+    frame = Deal(scenes=1, poses=(Pose((0.0, 0.0, 0.0)),)).frame(0)
+    quiet = replace(ALL.settings(ChainSettings(TraceSettings(rays=1000), Processing(noise=False))), budget_db=budget_db)
+    for settings, moved in ((quiet, bins), (ALL.without("doppler").settings(quiet), 0.0)):
+        ((made, counts),) = make_frames([SceneSource(frame, scene, settings)], radar)
+        for seen in (np.abs(made.range_channel[0]).sum(axis=1), made.image.max(axis=1)):
+            assert int(seen.argmax()) == pytest.approx(place / waveform.range_step_m - moved, abs=0.6)
+        has = {name: bool(counts[f"frames_with_{name}"]) for name in (*NO_CHOICE, "doppler")}
+        several = moved > 0.0 and chirps > 1
+        assert has == {
+            "doppler": several, "range_migration": several, "intra_chirp_motion": moved > 0.0, "near_field": True,
+        }  # fmt: skip
+    told = plan_of_frame(SceneSource(frame, scene, replace(quiet, budget_db=-30.0)), radar)
+    assert (told.effects["doppler"], told.losses["doppler"] == Loss()) == (chirps > 1, chirps == 1)
+    assert told.effects["intra_chirp_motion"]
+    assert told.losses["intra_chirp_motion"].change_db > -3.0
 
 
 def test_rows_stay_with_their_candidates_and_panes_take_with_them_what_they_let_through() -> None:

@@ -85,14 +85,16 @@ class ChainSettings:
     def signal_effects(self, radar: Radar) -> dict[str, bool]:
         """Effects that work on the paths that there are, by name, on or off.
 
-        What comes with Doppler has no form of its own without it, and the near field is always there.
+        What comes with Doppler has no form of its own without it, and the near field is always there. One chirp shows
+        of motion what happens within it.
         """
-        front_end, doppler = radar.front_end, self.processing.doppler
+        front_end, moving = radar.front_end, self.processing.doppler
+        doppler = moving and radar.waveform.chirps > 1
         directive = not front_end.tx_pattern.kind == front_end.rx_pattern.kind == "isotropic"
         return {
             "doppler": doppler,
             "range_migration": doppler,
-            "intra_chirp_motion": doppler,
+            "intra_chirp_motion": moving,
             "near_field": True,
             "antenna_pattern": self.antenna_pattern and directive,
             "noise": self.processing.noise,

@@ -4,7 +4,8 @@ Which of its candidates a radar would not notice says :mod:`datafactory.paths.no
 is a decision: without Doppler one chirp stands for all. It is off where nothing moves, or where in no resolution cell
 the paths' powers, each times the square of what its motion changes (:func:`doppler_change`), exceed the
 frame's limit together. Range migration and motion within the chirp come with it; leaving them, the near field or the
-patterns out saves nothing.
+patterns out saves nothing. Where the radar sends one chirp, motion within it is all that there is of motion, and
+decides (:func:`intra_chirp_change`).
 
 A decision is a function of the frame's own paths, the radar and the budget. It knows nothing of other frames, so that a
 frame is the same rendered alone, by any worker, or from stored paths.
@@ -198,16 +199,17 @@ class Decided:
 
 
 def doppler_called_for(paths: PathTable, radar: Radar, truth_window: str, limit_w: float) -> bool:
-    """Whether a frame's illuminated paths need more than one chirp: where nothing may be left out, if anything moves.
+    """Whether a frame's illuminated paths may not stand still: where nothing may be left out, if anything moves.
 
     :param limit_w: power that may be left out of a resolution cell [W]
     """
-    if radar.waveform.chirps == 1 or not paths.moves():
+    if not paths.moves():
         return False
     if limit_w == 0.0:
         return True
+    change = doppler_change if radar.waveform.chirps > 1 else intra_chirp_change
     for some in (strongest(paths), paths):  # a few are enough in most frames that move
-        share = doppler_change(range_rates_mps(some, radar.waveform), radar.waveform) ** 2
+        share = change(range_rates_mps(some, radar.waveform), radar.waveform) ** 2
         if cell_map(some, radar, truth_window).sums(share).max(initial=0.0) > limit_w:
             return True
     return False

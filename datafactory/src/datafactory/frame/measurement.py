@@ -131,7 +131,7 @@ def measure(
 
 
 def _as_it_moves(paths: PathTable, radar: Radar, processing: Processing) -> PathTable:
-    """The paths as they move, or as they stand at mid-frame where there is no Doppler."""
+    """The paths as they move, or as they stand at mid-frame where motion is left out."""
     return paths if processing.doppler else paths.at_rest(radar.waveform.mid_frame_s)
 
 
