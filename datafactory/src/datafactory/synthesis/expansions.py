@@ -58,7 +58,8 @@ class Expansions(Columns):
         eta, window = np.abs(_frame_positions(chirps)), unit_hann(chirps)
         moves = bool(np.any(mid.doppler) or np.any(mid.rx_velocity))
         counts = np.arange(2, MAX_DOPPLER_TERMS + 1 if moves else 2)
-        limits = np.array([(DOPPLER_ERROR * factorial(n) / (window @ eta**n)) ** (1.0 / n) for n in counts])
+        with np.errstate(divide="ignore"):  # one chirp tells no Doppler: any departure will do
+            limits = np.array([(DOPPLER_ERROR * factorial(n) / (window @ eta**n)) ** (1.0 / n) for n in counts])
         limits /= 2.0 * np.pi
         room = limits.max(initial=0.0) - 0.5 * DELTA_STEP
         far = mid.departure > room if moves else np.zeros(len(mid.departure), dtype=bool)
