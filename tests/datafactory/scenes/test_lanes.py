@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -147,6 +148,22 @@ def test_what_a_way_leads_to_is_kept() -> None:
 def test_a_walled_yard_without_a_roof_is_left_out_too() -> None:
     walls = tuple(item for item in hollow(door=False) if not item.name.startswith("roof"))
     assert free_within(free_ground(Scene("yard", (PLAIN, *walls))), (-15.0, 20.0), (15.0, 50.0)) == 0
+
+
+def test_roads_that_a_ledge_or_a_rail_parts_from_the_largest_ground_are_kept() -> None:
+    """A road 0.42 m above open land that is larger, a rail along its middle; a small yard of asphalt is none."""
+    land = sheet("land", (-100.0, 100.0), (-60.0, 60.0), lambda x, y: -0.42)
+    road = sheet("/World/Road_0/mesh", (-100.0, 100.0), (-9.0, 9.0), flat, "asphalt")
+    rail = box("rail", (-100.0, -0.2, 0.0), (100.0, 0.2, 0.8), "metal")
+    yard = sheet("yard", (-4.0, 4.0), (31.0, 39.0), lambda x, y: -0.41, "asphalt")
+    walls = [item for item in hollow(door=False) if not item.name.startswith("roof")]
+    walls = [replace(item, vertices=item.vertices - [0.0, 0.0, 0.5]) for item in walls]
+    ground = free_ground(Scene("causeway", (land, road, rail, yard, *walls)))
+    for low, high in ((-9.0, 0.0), (0.0, 9.0)):
+        assert free_within(ground, (-80.0, low), (80.0, high)) > 1000
+    assert free_within(ground, (-15.0, 20.0), (15.0, 50.0)) == 0
+    for seed in range(20):
+        assert abs(sample_pose(ground, "train", np.random.default_rng(seed)).position[1]) < 9.0
 
 
 def test_streets_lie_between_facades_and_the_open_land_behind_them_does_not() -> None:

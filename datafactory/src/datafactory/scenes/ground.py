@@ -1,8 +1,9 @@
 """Free ground: where in a scene a car could stand, and its streets, cut into separated regions for the splits.
 
 A cell is free ground where the topmost surface is ground (not a roof, bridge or car), where it slopes gently, where no
-step of more than 0.3 m lies within 1.5 m, and from where a way leads to the largest free ground. The height map shows
-the topmost surface alone, rasterised triangle by triangle: ground under a bridge or a tree is not used.
+step of more than 0.3 m lies within 1.5 m, and from where a way leads to the largest free ground, or to the roads where
+any are named. The height map shows the topmost surface alone, rasterised triangle by triangle: ground under a bridge or
+a tree is not used.
 """
 
 from __future__ import annotations
@@ -272,7 +273,8 @@ def free_ground(scene: Scene) -> Ground:
     # From any point of a cell to any point of an obstacle's cell: two half diagonals less than between centres.
     step_m = _distance_to_marked(edge | obstacle, cell)
     free = ground & (step_m >= CLEARANCE_M + np.sqrt(2.0) * cell)
-    free = reachable(free, free | (ground & (step_m >= ROUTE_CLEARANCE_M)))
+    named = np.isin(heights.owner, [n for n, item in enumerate(scene.objects) if _is_road(item.name, item.material)])
+    free = reachable(free, free | (ground & (step_m >= ROUTE_CLEARANCE_M)), named)
     near = free & (_distance_to_marked(obstacle, cell) <= NEAR_OBSTACLE_M)
     if near.any():
         free = near
@@ -282,9 +284,7 @@ def free_ground(scene: Scene) -> Ground:
             f"no free ground: nowhere a gentle surface with {CLEARANCE_M} m around it free of steps",
             "a scene with open ground, or --poses FILE.json",
         )
-    road = free & np.isin(
-        heights.owner, [n for n, item in enumerate(scene.objects) if _is_road(item.name, item.material)]
-    )
+    road = free & named
     street = streets(free, road, obstacle, cell)
     grid = scene.name, heights.origin, cell, heights.surface
     return Ground(*grid, obstacle, free, road, street, *cut_into_regions(street, cell))

@@ -1,7 +1,8 @@
 """Streets: of a scene's free ground, what a car can drive to, where one would drive, and which split has which part.
 
-A file may name its roads. Most meshes of cities do not: there a street is free ground between two facades. Whatever it
-is called, ground that no way leads to is left out: courtyards, the floor of a hollow building under a hole in its roof.
+A file may name its roads. Most meshes of cities do not: there a street is free ground between two facades. Ground that
+no way leads to is left out: courtyards, the floor of a hollow building under a hole in its roof. Roads are not, where
+ledges or rails part them from the largest ground, or from each other.
 
 The streets are cut into three regions, one a split, across their longer side, with strips between them that no pose
 stands in. What a pose *sees* may reach over a gap, so a gap alone does not keep the splits apart: each split also has
@@ -28,6 +29,8 @@ KERB_M = 3.0
 """Free ground this near to a road that is named is its kerb."""
 LEAST_STREETS_M2 = 500.0
 """With less than this between its facades a scene has no streets, and all its free ground is used."""
+LEAST_SHARE = 0.1
+"""Where roads are named: of those on the ground that holds most of them. Rails and ledges part them from each other."""
 
 
 SHARES = (6.0, 1.0, 1.0)
@@ -37,18 +40,19 @@ GAP_SHARE = 0.06
 """Of the extent: the gaps of a larger scene are wider."""
 
 
-def reachable(free: Mask, passable: Mask) -> Mask:
-    """The free cells with a way over passable cells to the largest free ground.
+def reachable(free: Mask, passable: Mask, named: Mask) -> Mask:
+    """The free cells with a way over passable cells to the largest free ground, or to a worthwhile share of the roads.
 
     :param free: [nx, ny]
     :param passable: [nx, ny] cells that a car's middle may pass; all free cells are among them
+    :param named: [nx, ny] cells of objects named as roads; where none of them is free the largest free ground counts
     """
     label, count = ndimage.label(passable, structure=np.ones((3, 3), dtype=bool))
     if count == 0:
         return free
-    sizes = np.bincount(label[free], minlength=count + 1)
-    sizes[0] = 0
-    return free & (label == int(np.argmax(sizes)))
+    sizes, roads = (np.bincount(label[cells], minlength=count + 1) for cells in (free, free & named))
+    kept = roads >= LEAST_SHARE * roads.max() if roads.any() else np.arange(count + 1) == np.argmax(sizes)
+    return free & kept[label]
 
 
 def streets(free: Mask, road: Mask, obstacle: Mask, cell_m: float) -> Mask:

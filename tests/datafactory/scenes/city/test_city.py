@@ -33,6 +33,8 @@ from datafactory.scenes.city.city import VERSION, city, models, write_city
 from datafactory.scenes.city.rules import RULES, Style
 from datafactory.scenes.city.shapes import Surface
 from datafactory.scenes.city.site import Placement
+from datafactory.scenes.ground import free_ground
+from datafactory.scenes.readers.open import open_scene
 from shared.physics.errors import InputError
 
 LARGEST = 150_000
@@ -122,6 +124,14 @@ def test_larger_cities_have_more_streets() -> None:
         assert roads is not None
         spans = np.ptp(roads.vertices[:, 0])
         assert 60.0 * blocks < spans < 140.0 * blocks + 60.0
+
+
+def test_drawn_poses_stand_on_the_motorway(tmp_path: Path) -> None:
+    """Rails part it from the land, and bridges and gantries into pieces."""
+    write_city(tmp_path / "city.usdc", seed=0, blocks=1, style=Style.MOTORWAY)
+    ground = free_ground(open_scene(str(tmp_path / "city.usdc")))
+    assert np.count_nonzero(ground.road) * ground.cell_m**2 > 2000.0
+    assert (ground.street <= ground.road).all()
 
 
 def test_the_command_writes_what_the_function_does_and_says_how_traffic_comes(tmp_path: Path) -> None:

@@ -14,9 +14,11 @@ from scene_solids import triangles_of
 
 from datafactory.scenes.city.rules import Style
 from datafactory.scenes.city.site import Placement
+from datafactory.scenes.ground import CELL_M, free_ground, height_map
 from datafactory.scenes.network import conversion
 from datafactory.scenes.network.conversion import Network, read_network
 from datafactory.scenes.network.town import town, write_town
+from datafactory.scenes.poses import sample_pose
 from datafactory.scenes.readers.open import open_scene
 from shared.physics.errors import InputError
 
@@ -184,6 +186,20 @@ def test_the_same_network_and_seed_give_the_same_file(folder: Path) -> None:
     scene = open_scene(str(files[0]))
     assert scene.triangle_count > 1000
     assert any(item.moves for item in scene.objects)
+
+
+@pytest.mark.parametrize("style", [Style.SUBURB, Style.INDUSTRIAL, Style.MOTORWAY])
+def test_drawn_poses_stand_on_the_network_s_roads(folder: Path, style: Style) -> None:
+    """Though the land around them lies lower by more than a step, and is larger."""
+    path = folder / f"{style}.usdc"
+    write_town(path, folder / "own.xodr", "opendrive", 1, style, extent=250.0)
+    scene = open_scene(str(path))
+    ground, seen = free_ground(scene), height_map(scene, CELL_M)
+    (road,) = (number for number, item in enumerate(scene.objects) if "/Road_0/" in item.name)
+    poses = [sample_pose(ground, "train", np.random.default_rng(seed)) for seed in range(20)]
+    i, j = ground.cell_of(*np.array([pose.position[:2] for pose in poses]).T)
+    assert np.mean(seen.owner[i, j] == road) > 0.6  # four of five
+    assert ground.road[i, j].sum() == (seen.owner[i, j] == road).sum()
 
 
 def test_openstreetmap_goes_the_same_way(folder: Path) -> None:

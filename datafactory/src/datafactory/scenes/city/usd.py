@@ -29,7 +29,8 @@ CODES_PER_SECOND = 10.0
 MATERIAL_COLOURS = {
     "concrete": (0.62, 0.61, 0.58), "brick": (0.55, 0.27, 0.2), "glass": (0.45, 0.6, 0.7), "metal": (0.55, 0.57, 0.6),
     "asphalt": (0.2, 0.2, 0.21), "plasterboard": (0.88, 0.85, 0.76), "wood": (0.45, 0.32, 0.2),
-    "vegetation": (0.3, 0.45, 0.2), "marble": (0.85, 0.84, 0.82), "rubber": (0.08, 0.08, 0.08),
+    "bitumen": (0.25, 0.25, 0.26), "vegetation": (0.3, 0.45, 0.2), "marble": (0.85, 0.84, 0.82),
+    "rubber": (0.08, 0.08, 0.08),
 }  # fmt: skip
 """The material keys and the colours that viewers show; the radar does not use the colours."""
 

@@ -31,7 +31,8 @@ from shared.physics.errors import InputError
 
 HOUSE_SLOT_M = 3.0
 EXTENTS_M = (40.0, 2000.0)
-LAND = {Style.INDUSTRIAL: "asphalt", Style.CAR_PARK: "asphalt"}
+LAND = {Style.INDUSTRIAL: "bitumen", Style.CAR_PARK: "bitumen"}
+"""The same asphalt under a name that is no road's: else all that lies between the roads would be one."""
 HEADROOM_M = 2.0
 """What hangs higher than this may reach over a road or a pavement: a lamp's arm, a balcony."""
 KINDS = {"Lorry": ("Lorries", "Lorry"), "Bus": ("Buses", "Bus")}
