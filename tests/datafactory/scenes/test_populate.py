@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,12 @@ from town_scenes import SLOPE, block, two_blocks
 
 from datafactory.api.asking import load_scene, order_of
 from datafactory.api.options import OrderOptions
+from datafactory.frame.deal import Deal, dealt
 from datafactory.run.preparation import prepare
+from datafactory.scenes.boxes import Movers
 from datafactory.scenes.ground import free_ground, sensor_ground
 from datafactory.scenes.materials.table import load_materials
+from datafactory.scenes.motion import Track
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
@@ -161,6 +165,21 @@ def test_sensors_stand_on_the_populated_road(hill: Scene) -> None:
     moving = [thing for thing in things if thing.moves and thing.label == "car"]
     cells = [ground.cell_of(*thing.at(0.0)[0][:2, None]) for thing in moving]
     assert any(ground.road[i, j].any() for i, j in cells)  # what drives is no obstacle of the map
+
+
+def test_drawn_frames_are_of_times_at_which_the_scene_s_own_traffic_moves() -> None:
+    bare = two_blocks()
+    samples = Track((0.0, 24.0), ((0.0, 0.0, 0.0), (48.0, 0.0, 0.0)), ((2.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    driven = replace(block("driven", (-24.0, -7.0, 0.0), (-20.0, -5.0, 1.5), SLOPE), motion=samples).as_it_moves()
+    scene = populated(replace(bare, objects=(*bare.objects, driven)), Asked({"cars": 2, "pedestrians": 2}), 0)
+    assert scene.population is not None
+    assert scene.population.placed["pedestrians"] == 2
+    deal = dealt(order_of(OrderOptions(scene, radar="avr-qdm-110", frames=16, rays=100)), (scene,))
+    times = [deal.frame(number).where.time_s for number in range(16)]
+    assert len(set(times)) == 16
+    assert 0.0 <= min(times) < 12.0 < max(times) < 24.0
+    late = Deal(scenes=1, poses=(Pose((0.0, 0.0, 9.0), time_s=30.0),), traffic=(Movers(scene),))
+    assert late.remarks() == ["two_blocks: 1 of 1 poses are not before 24 s, from when on what has samples rests"]
 
 
 def test_a_request_is_read_back_as_it_is_told() -> None:

@@ -23,7 +23,7 @@ from datafactory.scenes.motion import Moving, Real, Vector, drift, triple, uprig
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import WORLD_AXES, PointTarget, Scene, SceneObject
 from datafactory.scenes.targets.models import MODELS
-from datafactory.scenes.things import OF_MODELS, OTHER
+from datafactory.scenes.things import FOLDER, OF_MODELS, OTHER
 
 Axes = tuple[Vector, Vector, Vector]
 Box = tuple[Real, Real]
@@ -203,11 +203,14 @@ class Movers:
         self.scene = scene.name
         self._objects = [item for item in scene.objects if item.moves]
         self._targets = [item for item in scene.targets if item.moves]
-        every = [item.motion for item in self._objects] + [target.motion for target in self._targets]
-        self.rests_from_s = max((motion.ends_s for motion in every if motion is not None), default=np.inf)
-        """From when on what has samples rests [s]; inf where nothing has."""
-        self.populated_s = scene.population.horizon_s if self and scene.population is not None else None
-        """A population's traffic runs from time 0 to here [s]; None without any, or where nothing moves."""
+        horizon_s = scene.population.horizon_s if self and scene.population is not None else None
+        movers: list[SceneObject | PointTarget] = [*self._objects, *self._targets]
+        own = [item.motion for item in movers if not item.name.startswith(f"{FOLDER}/")]
+        ends_s = [motion.ends_s for motion in own if motion is not None]
+        self.rests_from_s = max(ends_s, default=horizon_s or np.inf)
+        """From when on what of the scene's own has samples rests [s]; where nothing has, a population; else inf."""
+        self.populated_s = horizon_s if self.rests_from_s <= 0.0 or not horizon_s else min(horizon_s, self.rests_from_s)
+        """A drawn frame's time is from 0 to here [s], while all of it moves; None without a population that does."""
 
     def __bool__(self) -> bool:
         return bool(self._objects or self._targets)
