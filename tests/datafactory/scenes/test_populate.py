@@ -182,6 +182,38 @@ def test_drawn_frames_are_of_times_at_which_the_scene_s_own_traffic_moves() -> N
     assert late.remarks() == ["two_blocks: 1 of 1 poses are not before 24 s, from when on what has samples rests"]
 
 
+def gardens(*beside: SceneObject) -> Scene:
+    """A road 8 m wide along x over open land, with houses 20 m away, and what stands beside it."""
+    land = block("land", (-70.0, -50.0, -1.0), (70.0, 50.0, -0.02), 0.0)
+    road = block("/World/Road_0", (-70.0, -4.0, -1.0), (70.0, 4.0, 0.0), 0.0)
+    houses = [block(f"house{y}", (-60.0, y, -1.0), (60.0, y + 8.0, 6.0), 0.0) for y in (-32.0, 24.0)]
+    return Scene("gardens", (land, road, *houses, *beside))
+
+
+def test_traffic_keeps_to_roads_that_are_named() -> None:
+    for seed in range(3):
+        scene = populated(gardens(), Asked({"cars": 6, "trucks": 1}), seed)
+        assert population_of(scene).placed["cars"] == 6
+        for thing in things_of(scene):
+            assert abs(thing.at(0.0)[0][1]) + 0.5 * thing.size_m[1] < 4.0, thing.name
+
+
+def test_a_street_between_trees_has_a_lane_under_their_crowns() -> None:
+    """Trunks 0.6 m behind the kerbs leave no room for what a road has beside its lanes; crowns reach over it."""
+    trees = []
+    for n, x in enumerate(np.arange(-66.0, 67.0, 12.0)):
+        for side in (-1.0, 1.0):
+            y, reach = side * 4.6, (x - 2.5, x + 2.5)
+            trees.append(block(f"trunk{n}{side}", (x - 0.1, y - 0.1, -1.0), (x + 0.1, y + 0.1, 4.2), 0.0))
+            trees.append(block(f"crown{n}{side}", (reach[0], y - 2.5, 4.2), (reach[1], y + 2.5, 7.0), 0.0))
+    scene = populated(gardens(*trees), Asked({"cars": 3, "poles": 4}), 0)
+    assert population_of(scene).placed == {"cars": 3, "poles": 0}
+    for thing in things_of(scene):
+        assert abs(thing.at(0.0)[0][1]) + 0.5 * thing.size_m[1] < 2.1, thing.name
+        assert min(item.vertices[:, 2].min() for item in parts_of(scene, thing)) == pytest.approx(0.0, abs=0.03)
+    assert scene.warnings == ("0 of 4 poles placed: there is no more room on its free ground",)
+
+
 def test_a_request_is_read_back_as_it_is_told() -> None:
     assert parse_populate(ASKED.text) == ASKED
     assert parse_populate(" cars = 3 , parked=0.25") == Asked({"cars": 3}, parked=0.25)

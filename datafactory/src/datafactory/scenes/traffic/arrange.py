@@ -252,7 +252,8 @@ def _furniture(
     """Poles, signs, bins and benches behind the kerbs, at places drawn without putting one back."""
     spots = [
         (number, side, along)
-        for number, (stretch, _) in enumerate(roads)
+        for number, (stretch, layout) in enumerate(roads)
+        if layout.kerb_m + FURNITURE_M < stretch.strip.half_width_m
         for side in (-1.0, 1.0)
         for along in np.arange(2.0 - 0.5 * stretch.strip.length_m, 0.5 * stretch.strip.length_m - 2.0, 2.5).tolist()
     ]

@@ -8,6 +8,7 @@ from hashlib import sha256
 from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
 from datafactory.scenes.boxes import Movers
 from datafactory.scenes.chain import Chain
@@ -20,7 +21,7 @@ from datafactory.scenes.streets import Mask
 from datafactory.scenes.targets.models import Cyclist, Pedestrian, RcsModel
 from datafactory.scenes.things import FOLDER, Label, Population
 from datafactory.scenes.traffic.arrange import Arranged, Asked, arrange, asset, parse_populate
-from datafactory.scenes.traffic.stretches import HORIZON_S, find_stretches
+from datafactory.scenes.traffic.stretches import HORIZON_S, NARROW, find_stretches
 
 METRES_OF_ROAD = {
     "cars": 20.0, "trucks": 20.0, "buses": 20.0, "cyclists": 20.0,
@@ -29,6 +30,10 @@ METRES_OF_ROAD = {
 """Of road that one of a kind calls for: a vehicle every 40 m in either lane, a pole every 25 m on either side."""
 LEAST_ROAD_M = 240.0
 """Of road that is populated where there is so much: two stretches of full length. Densities call for no more."""
+HEADROOM_M = 3.9
+"""Of a lorry, and 0.4 m."""
+LITTLE_ROAD_M = LEAST_ROAD_M / 3.0
+"""With less of it, lanes without anything beside them are looked for on roads that are named."""
 PASSING_S = (60.0, 0.25)
 """How long the scene's own traffic is followed, and in which steps."""
 
@@ -45,6 +50,9 @@ def populated(scene: Scene, asked: Asked, seed: int) -> Scene:
     rng = np.random.default_rng(np.random.SeedSequence(entropy=seed, spawn_key=(content,)))
     wanted_m = max([LEAST_ROAD_M, *(METRES_OF_ROAD[kind] * count for kind, count in asked.counts.items())])
     stretches = find_stretches(ground, passed_by(scene, ground), wanted_m, rng)
+    if ground.road.any() and sum(stretch.strip.length_m for stretch in stretches) < LITTLE_ROAD_M:
+        ground = free_ground(without_what_hangs(scene, ground))
+        stretches = find_stretches(ground, passed_by(scene, ground), wanted_m, rng, NARROW, stretches)
     numbers = asked.along(sum(stretch.strip.length_m for stretch in stretches))
     placements = arrange(stretches, ground, numbers, rng)
     objects, targets = list[SceneObject](), list[PointTarget]()
@@ -70,6 +78,17 @@ def populated(scene: Scene, asked: Asked, seed: int) -> Scene:
         warnings=(*scene.warnings, *population.left_out()),
         population=population,
     )
+
+
+def without_what_hangs(scene: Scene, ground: Ground) -> Scene:
+    """The scene without the triangles that are higher above the nearest free ground than any vehicle."""
+    i, j = ndimage.distance_transform_edt(~ground.free, return_distances=False, return_indices=True)
+    level, objects = ground.height_m[i, j], []
+    for item in scene.objects:
+        corners = item.vertices[item.triangles]
+        low = corners[..., 2].min(axis=1) - ground.values_at(level, *corners[..., :2].mean(axis=1).T)
+        objects.append(replace(item, triangles=item.triangles[low < HEADROOM_M]))
+    return replace(scene, objects=tuple(objects))
 
 
 def recorded(entry: Mapping[str, Any], source: str) -> Scene:

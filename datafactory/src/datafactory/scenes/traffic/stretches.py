@@ -60,6 +60,24 @@ HORIZON_S = 600.0
 
 
 @dataclass(frozen=True)
+class Room:
+    """What roads may be as wide as, to either side of their middle [m].
+
+    :param least: the most worth first; :param most: however open the ground is
+    :param beside: of it, what may be none where roads are named: two lanes, which take 5.6 m, have 2.6 m of these
+    """
+
+    least: tuple[float, ...]
+    most: float
+    beside: float
+
+
+USUAL = Room(WIDTHS_M, WIDEST_M, 3.0)
+NARROW = Room((2.0,), 2.0, 0.8)
+"""A lane alone, without kerb, furniture and walkers: what trees and parked cars leave."""
+
+
+@dataclass(frozen=True)
 class Stretch:
     """A straight piece of road.
 
@@ -113,23 +131,39 @@ def clear_width(ground: Ground, blocked: Mask) -> Real:
     return np.where(away > 0.0, away - np.sqrt(0.5) * ground.cell_m + CLEARANCE_M, 0.0)
 
 
-def find_stretches(ground: Ground, blocked: Mask, wanted_m: float, rng: np.random.Generator) -> tuple[Stretch, ...]:
+def road_width(ground: Ground, beside_m: float) -> Real:
+    """[nx, ny] half width [m] that a road may have around a cell's middle by what is named as roads, 0 off these.
+
+    What stands on a road bounds it no more than :func:`clear_width` says: only free ground beside it does.
+    """
+    off = ground.free & ~ground.road
+    if not (ground.road.any() and off.any()):
+        return np.full(off.shape, np.inf)
+    paved: Real = ndimage.distance_transform_edt(~off) * ground.cell_m
+    return np.where(off, 0.0, paved + beside_m)
+
+
+def find_stretches(
+    ground: Ground, blocked: Mask, wanted_m: float, rng: np.random.Generator,
+    room: Room = USUAL, found: Sequence[Stretch] = (),
+) -> tuple[Stretch, ...]:  # fmt: skip
     """Stretches of road of a total length, in every split's region as its share.
 
     :param blocked: [nx, ny] where none may be, though it is free
     :param wanted_m: total length; less is found where there is no more
+    :param found: those that there are, to which others are added
     """
     width = clear_width(ground, blocked)
-    ridge = ground.street & (width >= WIDTHS_M[-1]) & (width >= ndimage.maximum_filter(width, 3))
+    ridge = ground.street & (width >= room.least[-1]) & (width >= ndimage.maximum_filter(width, 3))
     cells = np.argwhere(ridge)
     if not len(cells):
-        return ()
+        return tuple(found)
     cells = cells[rng.permutation(len(cells))[:CANDIDATES]]
-    found = _candidates(ground, width, cells)
-    strips = [strip for _, strip in sorted(found, key=lambda item: -item[0] * rng.uniform(0.75, 1.0))]
-    chosen: list[Stretch] = []
+    worths = _candidates(ground, np.minimum(width, road_width(ground, room.beside)), cells, room)
+    strips = [strip for _, strip in sorted(worths, key=lambda item: -item[0] * rng.uniform(0.75, 1.0))]
+    chosen: list[Stretch] = [*found]
     left_over: list[Strip] = []
-    lengths = [0.0] * len(SHARES)
+    lengths = [sum(item.strip.length_m for item in found if item.region == region) for region in range(len(SHARES))]
     for strip in strips:
         region = _region(ground, strip)
         if region < 0 or lengths[region] >= wanted_m * SHARES[region] / sum(SHARES):
@@ -145,7 +179,7 @@ def find_stretches(ground: Ground, blocked: Mask, wanted_m: float, rng: np.rando
     return tuple(chosen)
 
 
-def _candidates(ground: Ground, width: Real, cells: NDArray[np.int64]) -> list[tuple[float, Strip]]:
+def _candidates(ground: Ground, width: Real, cells: NDArray[np.int64], room: Room) -> list[tuple[float, Strip]]:
     """The best strip through each cell, with its worth; those that are too short left out."""
     heading = np.pi * np.arange(HEADINGS) / HEADINGS
     along = np.arange(-REACH_M, REACH_M + 1)
@@ -154,7 +188,7 @@ def _candidates(ground: Ground, width: Real, cells: NDArray[np.int64]) -> list[t
     y = middle[:, 1, None, None] + along * np.sin(heading)[:, None]
     free = ground.values_at(width, x, y)
     best: list[tuple[float, Strip] | None] = [None] * len(cells)
-    for least, worth in zip(WIDTHS_M, WORTH, strict=True):
+    for least, worth in zip(room.least, WORTH, strict=False):
         wide = free >= least
         ahead = np.logical_and.accumulate(wide[..., REACH_M:], axis=-1).sum(axis=-1) - 1
         behind = np.logical_and.accumulate(wide[..., REACH_M::-1], axis=-1).sum(axis=-1) - 1
@@ -167,7 +201,7 @@ def _candidates(ground: Ground, width: Real, cells: NDArray[np.int64]) -> list[t
             shift = 0.5 * (ahead[n, k] - behind[n, k])
             run = free[n, k, REACH_M - behind[n, k] : REACH_M + ahead[n, k] + 1]
             x0, y0 = (middle[n] + shift * np.array([np.cos(heading[k]), np.sin(heading[k])])).tolist()
-            best[n] = (worth * metres, Strip((x0, y0), float(heading[k]), metres, min(float(run.min()), WIDEST_M)))
+            best[n] = (worth * metres, Strip((x0, y0), float(heading[k]), metres, min(float(run.min()), room.most)))
     return [item for item in best if item is not None]
 
 
