@@ -63,13 +63,14 @@ def seen(drawn) -> MidFrame:
     return MidFrame(point, velocity, tx_length, tx_rate, curvature, none, none, amplitude, none, none)
 
 
-def reference(table, terms, needed, lead, drawn, nu) -> np.ndarray:
+def reference(table, terms, by_element, needed, lead, drawn, nu) -> np.ndarray:
     """[CELLS, terms, SHIFT_TERMS, BLOCK] by the equations of the module, every element by itself."""
     lowest_q, lowest_delta, responses = table
     grid = np.zeros((CELLS, responses.shape[2], SHIFT_TERMS, BLOCK), dtype=np.complex128)
     per_metre, bins = REFERENCE_HZ / LIGHT_MPS, BANDWIDTH_HZ / LIGHT_MPS
     places = np.concatenate([np.zeros((1, 3)), elements()]) + CENTRE
-    for count, point, velocity, tx_length, tx_rate, curvature, amplitude in zip(terms, *drawn, strict=True):
+    for count, own, *path in zip(terms, by_element, *drawn, strict=True):
+        point, velocity, tx_length, tx_rate, curvature, amplitude = path
         leg = np.linalg.norm(point - places, axis=1)
         rate = ((point - places) * velocity).sum(axis=1) / leg
         total = per_metre * FRAME_S * (tx_rate + rate)
@@ -81,8 +82,12 @@ def reference(table, terms, needed, lead, drawn, nu) -> np.ndarray:
         node = int(np.floor((delta - lowest_delta) / DELTA_STEP + 0.5))
         if not needed[cell % CELLS]:
             continue
-        response = responses[int(np.floor(curvature / CURVATURE_STEP + 0.5)) - lowest_q, node]
         departure = scaled[1:] - (scaled[0] - delta + lowest_delta + node * DELTA_STEP)
+        away = np.floor(departure / DELTA_STEP + 0.5).astype(int) if own else np.zeros(BLOCK, dtype=int)
+        departure -= away * DELTA_STEP
+        inside = (node + away >= 0) & (node + away < responses.shape[1])
+        curved = responses[int(np.floor(curvature / CURVATURE_STEP + 0.5)) - lowest_q]
+        response = np.where(inside, curved[np.where(inside, node + away, 0)].T, 0.0)
         shift = ranged[1:] - cell / CELLS_PER_BIN
         echo = amplitude * np.exp(2j * np.pi * per_metre * (tx_length + leg[1:]))
         for j in range(count):
@@ -96,7 +101,8 @@ def reference(table, terms, needed, lead, drawn, nu) -> np.ndarray:
     ("lead", "nearest_m", "nu"), [(0.0, 0.3, 0.0), (40e-6, 0.3, 0.0), (0.0, 5.0, 0.0), (0.0, 5.0, 0.375)]
 )
 @pytest.mark.parametrize("most", [1, 9])
-def test_moments_are_those_of_the_equations(most, lead, nearest_m, nu):
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_moments_are_those_of_the_equations(share, most, lead, nearest_m, nu):
     drawn = paths(40, nearest_m)
     terms = np.random.default_rng(3).integers(1, most + 1, 40)
     terms[0] = most
@@ -104,11 +110,10 @@ def test_moments_are_those_of_the_equations(most, lead, nearest_m, nu):
     needed = np.random.default_rng(4).random(CELLS) < 0.8
     grid = np.zeros((CELLS, most * SHIFT_TERMS * 2 * BLOCK), dtype=np.float32)
     frame = Frame(FREQUENCY, nu, CHIRPS, FRAME_S, REFERENCE_HZ, BANDWIDTH_HZ, lead, KAPPA)
-    add_doppler_moments(
-        seen(drawn), terms, np.zeros(40, bool), (elements(), CENTRE), frame, needed, table, BINOMIAL, grid
-    )
+    by_element, block = np.random.default_rng(5).random(40) < share, (elements(), CENTRE)
+    add_doppler_moments(seen(drawn), terms, by_element, block, frame, needed, table, BINOMIAL, grid)
     made = grid.reshape(CELLS, most, SHIFT_TERMS, 2, BLOCK)
-    expected = reference(table, terms, needed, lead, drawn, nu)
+    expected = reference(table, terms, by_element, needed, lead, drawn, nu)
     assert np.abs(made[..., 0, :] + 1j * made[..., 1, :] - expected).max() < ROUNDING * np.abs(expected).max()
     assert np.abs(expected).max() > 0.0
 

@@ -31,7 +31,7 @@ from shared.radar import FrontEnd, Radar
 from shared.signal.windows import cell_noise_power
 
 FEW = 1000
-"""First echoes that are looked at before cells are summed, as many of the strongest as of all."""
+"""So many of the strongest first echoes, and as many spread over all, are looked at before cells are summed."""
 
 
 @dataclass(frozen=True)

@@ -210,7 +210,7 @@ class Movers:
         self.rests_from_s = max(ends_s, default=horizon_s or np.inf)
         """From when on what of the scene's own has samples rests [s]; where nothing has, a population; else inf."""
         self.populated_s = horizon_s if self.rests_from_s <= 0.0 or not horizon_s else min(horizon_s, self.rests_from_s)
-        """A drawn frame's time is from 0 to here [s], while all of it moves; None without a population that does."""
+        """A drawn frame's time is from 0 to here [s]; None without a population, or where nothing moves."""
 
     def __bool__(self) -> bool:
         return bool(self._objects or self._targets)

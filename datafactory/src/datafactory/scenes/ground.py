@@ -146,29 +146,43 @@ def buried(scene: Scene, places: NDArray[np.float64]) -> NDArray[np.bool_]:
 
     :param places: in the world [m]
     """
-    order = np.argsort(places[:, 0])
-    x = places[order, 0]
-    above, below = np.full(len(places), np.inf), np.full(len(places), np.inf)
-    inside, under = np.zeros(len(places), dtype=bool), np.zeros(len(places), dtype=bool)
+    rising, place = np.unique(places, axis=0, return_inverse=True)
+    nearest, towards = np.full((2, len(rising)), np.inf), np.ones((2, len(rising)), dtype=bool)
     for item in scene.objects:
-        if item.moves:
-            continue
-        corners = item.vertices[item.triangles]
-        first = np.searchsorted(x, corners[..., 0].min(axis=1))
-        count = np.searchsorted(x, corners[..., 0].max(axis=1), side="right") - first
-        place = order[np.arange(count.sum()) + np.repeat(first - np.cumsum(count) + count, count)]
-        a, b, c = np.moveaxis(np.repeat(corners, count, axis=0) - places[place, None], 1, 0)
-        # Twice the signed areas, from above, of the triangles that the place makes with two corners.
-        parts = np.stack([p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0] for p, q in ((b, c), (c, a), (a, b))])
-        area = parts.sum(axis=0)
-        hit = np.flatnonzero((area != 0.0) & (parts * np.sign(area) >= 0.0).all(axis=0))
-        height = (parts[0] * a[:, 2] + parts[1] * b[:, 2] + parts[2] * c[:, 2])[hit] / area[hit]
-        for n, up, z in zip(place[hit], area[hit] > 0.0, height, strict=True):
-            if 0.0 < z < above[n]:
-                above[n], inside[n] = z, up
-            elif z <= 0.0 and -z < below[n]:
-                below[n], under[n] = -z, not up
-    return np.isfinite(above) & (np.isinf(below) | (inside & under))
+        if not item.moves:
+            corners = item.vertices[item.triangles]
+            first = np.searchsorted(rising[:, 0], corners[..., 0].min(axis=1))
+            _meet_vertically(corners, first, rising, nearest, towards)
+    above, below = nearest
+    hidden = np.isfinite(above) & (np.isinf(below) | ~towards.any(axis=0))
+    return hidden[place.reshape(-1)]
+
+
+@compiled()
+def _meet_vertically(corners, first, places, nearest, towards):
+    """Lower ``nearest`` [2, n] to the distances [m] of triangles [T, 3, 3] straight above and below places [n, 3].
+
+    :param first: [T] place from which on x is the triangle's; places rise in x
+    :param towards: [2, n] whether the nearest face looks at the place
+    """
+    for t in range(len(corners)):
+        a, b, c = corners[t]
+        most = max(a[0], b[0], c[0])
+        for n in range(first[t], len(places)):
+            x, y, z = places[n]
+            if x > most:
+                break
+            # Twice the signed areas, from above, of the triangles that the place makes with two corners.
+            of_a = (b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)
+            of_b = (c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)
+            of_c = (a[0] - x) * (b[1] - y) - (a[1] - y) * (b[0] - x)
+            area = of_a + of_b + of_c
+            if area == 0.0 or min(of_a * area, of_b * area, of_c * area) < 0.0:
+                continue
+            height = (of_a * a[2] + of_b * b[2] + of_c * c[2]) / area - z
+            side = 0 if height > 0.0 else 1
+            if abs(height) < nearest[side, n]:
+                nearest[side, n], towards[side, n] = abs(height), (area > 0.0) == (side == 1)
 
 
 @dataclass(frozen=True)

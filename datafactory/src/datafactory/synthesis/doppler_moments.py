@@ -140,7 +140,7 @@ def add_doppler_moments(seen, path_terms, by_element, block, frame, needed, tabl
             scale *= migration
         at = slot * per_slot
         if by_element[k]:
-            _add_terms_by_element(work, table[q], node, migration, binomial, at, count, flat)
+            _add_terms_by_element(work, table[q], node, chirps, migration, binomial, at, count, flat)
         elif count == 1:
             _add_terms(work, factors, at, _ONE, flat)
         elif count == 2:
@@ -208,7 +208,7 @@ def _add_many_terms(work, factors, at, count, flat):
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _add_terms_by_element(work, responses, node, migration, binomial, at, count, flat):
+def _add_terms_by_element(work, responses, node, chirps, migration, binomial, at, count, flat):
     """As :func:`_add_terms`, each element's departure that from the node nearest to it.
 
     :param responses: [nodes, terms] of the path's curvature; :param node: from which the departures are
@@ -216,8 +216,10 @@ def _add_terms_by_element(work, responses, node, migration, binomial, at, count,
     for c in range(BLOCK):
         away = np.floor(work[_DEPART + c] / DELTA_STEP + 0.5)
         nearest = node + int(away)
-        if nearest < 0 or nearest >= len(responses):
-            continue
+        if nearest < 0 or nearest >= len(responses):  # of few chirps the table holds more than a period
+            nearest += int(chirps / DELTA_STEP) * (1 if nearest < 0 else -1)
+            if nearest < 0 or nearest >= len(responses):
+                continue
         departure = work[_DEPART + c] - away * DELTA_STEP
         echo, scale, to = complex(work[_RE + c], work[_IM + c]), 1.0, at + c
         for j in range(count):

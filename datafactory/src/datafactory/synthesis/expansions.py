@@ -22,14 +22,13 @@ from jaxtyping import Bool, Complex128, Float64, Int64
 from datafactory.paths.columns import WHOLE, Columns
 from datafactory.synthesis.doppler_moments import CURVATURE_STEP, DELTA_STEP, MAX_DOPPLER_TERMS
 from datafactory.synthesis.mid_frame import DOPPLER_REACH, MidFrame
+from shared.radar.waveform import Waveform
 from shared.signal.windows import unit_hann
 
 DOPPLER_ERROR = 1e-2
 """Bound on the Doppler polynomial's error, relative to the path's own amplitude. It is reached by the element farthest
 from its block's centre and the path farthest from its node alone: with 3e-3 eight munich frames were not nearer to the
 reference, and a fifth dearer."""
-MOST_BANDS = 1000
-"""Of the sweep: migration over 3000 range bins."""
 
 
 @dataclass(frozen=True)
@@ -39,23 +38,24 @@ class Expansions(Columns):
     With s the largest departure from the point of expansion, the remainder of E terms is at most
     (2 pi s)^E / E! sum w |eta|^E / sum w.
 
-    :param departure: [K] s over the whole sweep; :param spread: [K] what elements have of it [bins]
-    :param migration: [K] what all of the sweep adds [bins]
+    :param departure: [K] s over the whole sweep [bins]
+    :param across_block: [K] what the elements of a block have of it, nothing where each has its own point
+    :param migration: [K] what all of the sweep adds
     :param by_element: [K] whether every element has its own point; :param bands: [K] of the sweep that are needed
     :param limits: departures that 2 to MAX_DOPPLER_TERMS terms serve; none where nothing moves
     """
 
     departure: Float64[np.ndarray, " paths"]
-    spread: Float64[np.ndarray, " paths"]
+    across_block: Float64[np.ndarray, " paths"]
     migration: Float64[np.ndarray, " paths"]
     by_element: Bool[np.ndarray, " paths"]
     bands: Int64[np.ndarray, " paths"]
     limits: Float64[np.ndarray, " counts"] = field(metadata=WHOLE)
 
     @staticmethod
-    def of(mid: MidFrame, chirps: int) -> Expansions:
+    def of(mid: MidFrame, waveform: Waveform) -> Expansions:
         """Points of their own and bands for those paths alone for which MAX_DOPPLER_TERMS are too few."""
-        eta, window = np.abs(_frame_positions(chirps)), unit_hann(chirps)
+        eta, window = np.abs(_frame_positions(waveform.chirps)), unit_hann(waveform.chirps)
         moves = bool(np.any(mid.doppler) or np.any(mid.rx_velocity))
         counts = np.arange(2, MAX_DOPPLER_TERMS + 1 if moves else 2)
         with np.errstate(divide="ignore"):  # one chirp tells no Doppler: any departure will do
@@ -64,12 +64,12 @@ class Expansions(Columns):
         room = limits.max(initial=0.0) - 0.5 * DELTA_STEP
         far = mid.departure > room if moves else np.zeros(len(mid.departure), dtype=bool)
         by_element = far & (mid.spread > 0.5 * room)
-        spread, bands = np.where(by_element, 0.0, mid.spread), np.ones(len(far), dtype=np.int64)
-        # No window takes the ends off a band.
-        needed = np.ceil(0.5 * mid.migration[far] / (room - spread[far]))
-        bands[far] = np.clip(needed, 1.0, MOST_BANDS).astype(np.int64)
-        departure = np.where(far, spread + 0.5 * mid.migration, mid.departure)
-        return Expansions(departure, spread, mid.migration, by_element, bands, limits)
+        across_block, bands = np.where(by_element, 0.0, mid.spread), np.ones(len(far), dtype=np.int64)
+        # No window takes the ends off a band. One sample has no ends.
+        needed = np.ceil(0.5 * mid.migration[far] / (room - across_block[far]))
+        bands[far] = np.clip(needed, 1.0, waveform.samples).astype(np.int64)
+        departure = np.where(far, across_block + 0.5 * mid.migration, mid.departure)
+        return Expansions(departure, across_block, mid.migration, by_element, bands, limits)
 
     def groups(
         self, index: Int64[np.ndarray, " chosen"]
@@ -80,7 +80,7 @@ class Expansions(Columns):
         for some in (index[~banded], index[banded]):
             if len(some):
                 bands = int(self.bands[some].max())
-                in_band = self.spread[some] + 0.5 * self.migration[some] / bands
+                in_band = self.across_block[some] + 0.5 * self.migration[some] / bands
                 departure = (in_band if bands > 1 else self.departure[some]) + 0.5 * DELTA_STEP
                 terms = np.searchsorted(self.limits, departure, side="right") + (2 if len(self.limits) else 1)
                 yield bands, some, np.minimum(terms, MAX_DOPPLER_TERMS)
@@ -96,7 +96,7 @@ def doppler_table(
     """First curvature index, first delta, and G with its derivatives over their factorials."""
     lowest = int(np.rint(curvature.min(initial=0.0) / CURVATURE_STEP))
     highest = int(np.rint(curvature.max(initial=0.0) / CURVATURE_STEP))
-    # Beyond 16 cycles an echo covers the whole Doppler axis; that needs a target that fast nearer than a metre.
+    # An echo of 16 cycles is 32 Doppler cells wide. What passes by nearer and faster yet is taken for that.
     lowest, highest = max(lowest, -512), min(highest, 512)
     q = CURVATURE_STEP * np.arange(lowest, highest + 1)
     delta = np.arange(-DOPPLER_REACH - 1.0, DOPPLER_REACH + 1.0 + DELTA_STEP, DELTA_STEP)

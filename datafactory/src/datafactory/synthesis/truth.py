@@ -121,7 +121,7 @@ def truth_plan(
     mid = at_mid_frame(both, radar, tx, array.rx.mean(axis=0), intra_chirp)
     # Neighbours in range share cells, and the cache.
     mid = mid.take(np.argsort(mid.range_bins % waveform.samples, kind="stable"))
-    used, expansions = np.unique(doppler_cells), Expansions.of(mid, waveform.chirps)
+    used, expansions = np.unique(doppler_cells), Expansions.of(mid, waveform)
     smeared = np.where(expansions.bands > 1, 0.5 * mid.migration, 0.0)
     seen = seen_paths(mid, smeared, radar, doppler_cells)[used]
     anywhere = seen.any(axis=0)
@@ -133,7 +133,7 @@ def truth_plan(
         for bands, chosen, path_terms in expansions.groups(np.flatnonzero(in_this_one)):
             by_element, smear = expansions.by_element[chosen], math.ceil(smeared[chosen].max())
             frequency, count = float(index - waveform.chirps // 2), int(path_terms.max())
-            around, needed = around_row(waveform.samples, smear), np.zeros(cells, dtype=bool)
+            around, needed = _around_row(waveform.samples, smear), np.zeros(cells, dtype=bool)
             needed[(rows[:, None] * CELLS_PER_BIN + around) % cells] = True
             for band in range(bands):
                 nu, mixing = _mixing_matrix(waveform, reach, terms, count, smear, bands, band)
@@ -186,7 +186,7 @@ def _add_rows(
         moments[:, cell.rows, block] += turn * (re_re - im_im + 1j * (re_im + im_re))
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=64)
 def _mixing_matrix(
     waveform: Waveform, reach: float, terms: int, doppler_terms: int, smear: int, bands: int, band: int
 ) -> tuple[float, Float32[np.ndarray, "2*{terms} inputs"]]:
@@ -199,7 +199,7 @@ def _mixing_matrix(
     samples = waveform.samples
     nu, centre = sweep_positions(samples), (band + 0.5) / bands - 0.5
     window = np.where(np.floor((nu + 0.5) * bands) == band, unit_hann(samples), 0.0)
-    offset = around_row(samples, smear) / CELLS_PER_BIN
+    offset = _around_row(samples, smear) / CELLS_PER_BIN
     walk = shift_polynomials(nu, reach, terms) * window
     shift = shift_polynomials(nu, _shift_reach(waveform), SHIFT_TERMS)
     powers = (nu - centre) ** np.arange(doppler_terms)[:, None]
@@ -210,7 +210,7 @@ def _mixing_matrix(
     return centre, matrix
 
 
-def around_row(samples: int, smear: int = 0) -> Int64[np.ndarray, " offsets"]:
+def _around_row(samples: int, smear: int) -> Int64[np.ndarray, " offsets"]:
     """Offsets from a row's own cell to the cells that contribute to it; on a short range axis each cell once.
 
     :param smear: range bins to either side over which migration spreads an echo

@@ -31,7 +31,11 @@ reaches +-0.71 bins at u = 0.85 over 256 elements and 1 GHz, but only at the out
 
 
 def walk_reach(radar: Radar) -> float:
-    """Range walk [bins] across the virtual sensor that the terms are fitted to."""
+    """Range walk [bins] across the virtual sensor that the terms are fitted to, by plane waves.
+
+    Limit: in rows nearer than the sensor is wide the waves curve, and walk as far. Where a grid is narrow, |u| < 0.1, and
+    a sweep is wide, 4 GHz, it costs -47 dB at 0.4 m.
+    """
     aside_m = float(np.abs(radar.virtual_sensor.virtual[:, 1]).max())
     outermost = aside_m * float(np.abs(radar.grid.u).max()) * radar.waveform.bandwidth_hz / SPEED_OF_LIGHT
     return max(WALK_REACH, WALK_SHARE * outermost)
@@ -41,6 +45,7 @@ def walk_terms(radar: Radar, terms: int) -> int:
     """How many terms a radar needs for what ``terms`` keep at a walk of WALK_REACH: 13 for 5 at 4 GHz.
 
     What n terms leave out of a walk of z bins is about 2 J_n(pi z), see :func:`shared.signal.sweep.shift_polynomials`.
+    Limit: their float32 powers cancel. Of a band of 4 GHz -80 dB are left of that, of 6 GHz -64, of 8 GHz -38.
     """
     argument, needed = np.pi * walk_reach(radar), terms
     while needed < argument or jv(needed, argument) > jv(terms, np.pi * WALK_REACH):

@@ -64,7 +64,7 @@ class Room:
     """What roads may be as wide as, to either side of their middle [m].
 
     :param least: the most worth first; :param most: however open the ground is
-    :param beside: of it, what may be none where roads are named: two lanes, which take 5.6 m, have 2.6 m of these
+    :param beside: as much of it may lie off the road where roads are named: of two lanes, which take 5.6 m, 3 m
     """
 
     least: tuple[float, ...]

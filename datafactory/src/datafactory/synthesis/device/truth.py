@@ -130,6 +130,8 @@ def _moments(
     if cell.by_element.any():  # each element of every path at the node nearest to it
         away = torch.floor(depart / DELTA_STEP + 0.5)
         node, depart = node + away.to(torch.int64), depart - away * DELTA_STEP
+        period = round(waveform.chirps / DELTA_STEP)  # of few chirps the table holds more than one
+        node = node + period * (node < 0) - period * (node >= responses.shape[1])
     inside = (node >= 0) & (node < responses.shape[1])
     curvature = torch.floor(moved(mid.curvature, device) / CURVATURE_STEP + 0.5).to(torch.int64) - lowest_q
     at = curvature.clamp(0, len(responses) - 1)[:, None, None], node.clamp(0, responses.shape[1] - 1)
