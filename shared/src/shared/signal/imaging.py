@@ -33,8 +33,8 @@ reaches +-0.71 bins at u = 0.85 over 256 elements and 1 GHz, but only at the out
 def walk_reach(radar: Radar) -> float:
     """Range walk [bins] across the virtual sensor that the terms are fitted to, by plane waves.
 
-    Limit: in rows nearer than the sensor is wide the waves curve, and walk as far. Where a grid is narrow, |u| < 0.1, and
-    a sweep is wide, 4 GHz, it costs -47 dB at 0.4 m.
+    Limit: in rows nearer than the sensor is wide the waves curve, and walk as far. Where a grid is narrow (0.1) and
+    a sweep is wide (4 GHz) that costs -47 dB at 0.4 m.
     """
     aside_m = float(np.abs(radar.virtual_sensor.virtual[:, 1]).max())
     outermost = aside_m * float(np.abs(radar.grid.u).max()) * radar.waveform.bandwidth_hz / SPEED_OF_LIGHT
