@@ -174,7 +174,7 @@ def test_a_file_that_is_not_there_is_refused(tmp_path: Path, name: str) -> None:
         (parse_drives, "drive:sped=3", r"'sped=3' in 'drive:sped=3'"),
         (parse_drives, "drive:speed=3,speed=4", r"'speed=4' in"),
         (parse_drives, "drive:speed=fast", r"speed = 'fast'; expected a number"),
-        (parse_drives, "drive:speed=16", r"speed = 16.0; expected 0 to 15 m/s"),
+        (parse_drives, "drive:speed=101", r"speed = 101.0; expected 0 to 100 m/s"),
         (parse_drives, "drive:seconds=0", r"seconds = 0.0; expected more than 0"),
         (parse_drives, "drive:seconds=0.01", r"0.01 s at 10 Hz are 0 frames"),
         (parse_populate, "cras=3", r"unknown kind 'cras'; expected one of cars, trucks.*did you mean 'cars'\?"),

@@ -16,7 +16,7 @@ from town_scenes import BUILDINGS, PLATE, box, sheet
 from datafactory.scenes.boxes import Movers
 from datafactory.scenes.drives import (
     ACCELERATION_MPS2,
-    FASTEST_MPS,
+    CRUISING_SPEEDS,
     LATERAL_MPS2,
     Drives,
     draw_drive,
@@ -236,7 +236,7 @@ def test_drawn_drives_keep_their_limits_and_the_free_ground(street: Ground, spli
     time_s, place, velocity = (np.array([getattr(p, n) for p in poses]) for n in ("time_s", "position", "velocity"))
     np.testing.assert_allclose(np.diff(time_s), 0.01, rtol=1e-9)
     speed = np.linalg.norm(velocity, axis=1)
-    assert speed.max() <= FASTEST_MPS + 0.05
+    assert speed.max() <= CRUISING_SPEEDS[1] + 0.05
     moving = speed > 0.5
     rate = np.gradient(speed, 0.01)
     assert np.abs(rate).max() <= ACCELERATION_MPS2 * 1.05

@@ -123,7 +123,8 @@ def _images(frame: Frame, radar: Radar) -> dict[str, NDArray[np.floating]]:
     """Magnitudes [R, U] in sqrt(W) by panel title."""
     strongest = frame.range_channel[0]
     rx_count = len(radar.array.rx_m)
-    images = {f"{rx_count} RX": np.abs(delay_and_sum(strongest, radar))}
+    # Channels of other heights see elevation too, and would draw bars across u.
+    images = {f"{rx_count} RX": np.abs(delay_and_sum(strongest, radar, radar.array.azimuth_channels))}
     for name, rx in AVR_QDM_110_THINNED_RX.items():
         # The thinned sets are those of the paper's array; another array has only itself.
         if name != "full" and rx_count == len(AVR_QDM_110_THINNED_RX["full"]):

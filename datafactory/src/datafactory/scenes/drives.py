@@ -22,7 +22,7 @@ from datafactory.scenes.boxes import Movers
 from datafactory.scenes.ground import CLEARANCE_M, Ground
 from datafactory.scenes.lanes import STEP_M, Lane, draw_lane, smoothed
 from datafactory.scenes.motion import Real
-from datafactory.scenes.poses import ROAD_PREFERENCE, SENSOR_HEIGHT_M, Pose, Speeds, view_from
+from datafactory.scenes.poses import LARGEST_SPEED_MPS, ROAD_PREFERENCE, SENSOR_HEIGHT_M, Pose, Speeds, view_from
 from datafactory.scenes.tracks import MOST_FRAMES, pose_of, require_rate
 from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError
@@ -30,8 +30,7 @@ from shared.physics.errors import InputError
 WORD = "drive"
 ACCELERATION_MPS2 = 3.0
 LATERAL_MPS2 = 3.0
-FASTEST_MPS = 15.0
-CRUISING_SPEEDS: Speeds = (3.0, FASTEST_MPS)
+CRUISING_SPEEDS: Speeds = (3.0, 15.0)
 """Of a drawn cruising speed."""
 STOP_SHARE = 0.3
 """Of the drives that stop on their way."""
@@ -68,8 +67,8 @@ class Drives:
 
     def __post_init__(self) -> None:
         require_rate(self.rate_hz)
-        if self.speed_mps is not None and not 0.0 <= self.speed_mps <= FASTEST_MPS:
-            raise InputError("--trajectory", f"speed = {self.speed_mps!r}", f"0 to {FASTEST_MPS:g} m/s")
+        if self.speed_mps is not None and not 0.0 <= self.speed_mps <= LARGEST_SPEED_MPS:
+            raise InputError("--trajectory", f"speed = {self.speed_mps!r}", f"0 to {LARGEST_SPEED_MPS:g} m/s")
         if not 0.0 < self.seconds <= 3600.0:
             raise InputError("--trajectory", f"seconds = {self.seconds!r}", "more than 0, at most 3600")
         if not 1 <= self.frames <= MOST_FRAMES:
