@@ -182,10 +182,10 @@ def test_drawn_frames_are_of_times_at_which_the_scene_s_own_traffic_moves() -> N
     assert late.remarks() == ["two_blocks: 1 of 1 poses are not before 24 s, from when on what has samples rests"]
 
 
-def gardens(*beside: SceneObject, half_m: float = 4.0) -> Scene:
-    """A road along x, of this half width, over open land, with houses 20 m away, and what stands beside it."""
+def gardens(*beside: SceneObject) -> Scene:
+    """A road 8 m wide along x over open land, with houses 20 m away, and what stands beside it."""
     land = block("land", (-70.0, -50.0, -1.0), (70.0, 50.0, -0.02), 0.0)
-    road = block("/World/Road_0", (-70.0, -half_m, -1.0), (70.0, half_m, 0.0), 0.0)
+    road = block("/World/Road_0", (-70.0, -4.0, -1.0), (70.0, 4.0, 0.0), 0.0)
     houses = [block(f"house{y}", (-60.0, y, -1.0), (60.0, y + 8.0, 6.0), 0.0) for y in (-32.0, 24.0)]
     return Scene("gardens", (land, road, *houses, *beside))
 
@@ -196,13 +196,6 @@ def test_traffic_keeps_to_roads_that_are_named() -> None:
         assert population_of(scene).placed["cars"] == 6
         for thing in things_of(scene):
             assert abs(thing.at(0.0)[0][1]) + 0.5 * thing.size_m[1] < 4.0, thing.name
-
-
-def test_poles_stand_beside_a_road_that_is_wider_than_its_lanes() -> None:
-    scene = populated(gardens(half_m=7.0), Asked({"poles": 8}), 0)
-    assert population_of(scene).placed["poles"] == 8
-    for thing in things_of(scene):
-        assert abs(thing.at(0.0)[0][1]) + 0.5 * thing.size_m[1] > 7.0, thing.name  # lamps have arms over the road
 
 
 def test_a_street_between_trees_has_a_lane_under_their_crowns() -> None:

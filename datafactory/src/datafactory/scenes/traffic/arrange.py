@@ -265,19 +265,10 @@ def _furniture(
             stretch, layout = roads[number]
             what, turn = _piece(kind, side, rng)
             left = side * (layout.kerb_m + FURNITURE_M)
-            while abs(left) < stretch.strip.half_width_m and _on_road(ground, stretch.point(along, left)):
-                left += side * ground.cell_m
-            if abs(left) >= stretch.strip.half_width_m:
-                continue
             placement = standing(stretch, ground, kind, what, along, left, turn)
             if placement is not None:
                 found += 1
                 yield placement
-
-
-def _on_road(ground: Ground, point: np.ndarray) -> bool:
-    """Whether a point [3] is on what is named as a road."""
-    return bool(ground.road[ground.cell_of(*point[:2])])
 
 
 def _piece(kind: str, side: float, rng: np.random.Generator) -> tuple[str, float]:
