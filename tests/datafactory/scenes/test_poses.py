@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from town_scenes import BUILDINGS, CAR, PLATE, POLE, TOWN, box, flat, sheet
 
-from datafactory.scenes.ground import CELL_M, CLEARANCE_M, SPLITS, buried, free_ground, height_map
+from datafactory.scenes.buried import buried
+from datafactory.scenes.ground import CELL_M, CLEARANCE_M, SPLITS, free_ground, height_map
 from datafactory.scenes.poses import DRAWN_SPEEDS, SENSOR_HEIGHT_M, Pose, read_poses, sample_pose
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.targets.models import Car

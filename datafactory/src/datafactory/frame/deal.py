@@ -28,8 +28,9 @@ from datafactory.frame.draws import drawn_scene, frame_seed, generator, sequence
 from datafactory.frame.points import PointTargets
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.scenes.boxes import CLEAR_M, BoxedThing, Movers
+from datafactory.scenes.buried import buried
 from datafactory.scenes.drives import CRUISING_SPEEDS, Drives, draw_drive
-from datafactory.scenes.ground import Ground, buried, sensor_ground
+from datafactory.scenes.ground import Ground, sensor_ground
 from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import DRAWN_SPEEDS, Pose, Speeds, sample_pose
 from datafactory.scenes.scene import Scene

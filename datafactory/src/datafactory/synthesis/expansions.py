@@ -63,6 +63,7 @@ class Expansions(Columns):
         limits /= 2.0 * np.pi
         room = limits.max(initial=0.0) - 0.5 * DELTA_STEP
         far = mid.departure > room if moves else np.zeros(len(mid.departure), dtype=bool)
+        # Elements that take more than half of the room would leave too little to the bands.
         by_element = far & (mid.spread > 0.5 * room)
         across_block, bands = np.where(by_element, 0.0, mid.spread), np.ones(len(far), dtype=np.int64)
         # No window takes the ends off a band. One sample has no ends.

@@ -15,7 +15,7 @@ from scene_solids import triangles_of
 from datafactory.scenes.city.rules import Style
 from datafactory.scenes.city.site import Placement
 from datafactory.scenes.ground import CELL_M, free_ground, height_map
-from datafactory.scenes.network import conversion
+from datafactory.scenes.network import conversion, speed_limits
 from datafactory.scenes.network.conversion import Network, read_network
 from datafactory.scenes.network.town import town, write_town
 from datafactory.scenes.poses import sample_pose
@@ -78,10 +78,10 @@ def test_lanes_lie_beside_the_analytic_reference_line(own: Network) -> None:
         ('max="20" unit="mph"', 8.9408),
         ('max="8.33" unit="m/s"', 8.33),
         ('max="8.33"', 8.33),
-        ('max="no limit"', conversion.UNLIMITED_MPS),
-        ('max="undefined"', conversion.USUAL_MPS),
-        ('max="-1" unit="km/h"', conversion.USUAL_MPS),
-        ('max="5" unit="knots"', conversion.USUAL_MPS),
+        ('max="no limit"', speed_limits.UNLIMITED_MPS),
+        ('max="undefined"', speed_limits.USUAL_MPS),
+        ('max="-1" unit="km/h"', speed_limits.USUAL_MPS),
+        ('max="5" unit="knots"', speed_limits.USUAL_MPS),
     ],
 )
 def test_a_road_has_the_speed_limit_that_it_states(tmp_path: Path, speed: str, mps: float) -> None:

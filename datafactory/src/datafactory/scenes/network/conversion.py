@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import subprocess
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 from xml.etree import ElementTree
@@ -20,20 +19,15 @@ import numpy as np
 from datafactory.scenes.city.rules import Rules
 from datafactory.scenes.city.site import Keyframe
 from datafactory.scenes.motion import Real
+from datafactory.scenes.network.speed_limits import CURVE_STEP_M, limited
 from shared.physics.errors import InputError
 
 INSTALL = "pip install 'sparseradar-datafactory[opendrive]'"
-CURVE_STEP_M = 1.0
-"""Between the points of a curve: an arc of 10 m radius is off by 1.3 cm at most."""
 READ = {
     "opendrive": ["--opendrive-files", "{path}", "--offset.disable-normalization", "--opendrive.internal-shapes",
                   "--opendrive.curve-resolution", str(CURVE_STEP_M)],
     "osm": ["--osm-files", "{path}", "--keep-edges.by-vclass", "passenger", "--ramps.guess", "--junctions.join"],
 }  # fmt: skip
-UNITS_MPS = {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704}
-"""Of OpenDRIVE's speed limits; m/s where none is stated."""
-USUAL_MPS, UNLIMITED_MPS = 13.89, 39.44
-"""netconvert's own: where no limit is stated, and where a file says that there is none (--osm.speedlimit-none)."""
 WANTED = {"opendrive": "an OpenDRIVE file (.xodr) with roads", "osm": "an OpenStreetMap extract (.osm) with streets"}
 
 
@@ -115,59 +109,6 @@ def _run(command: list[str], made: Path, source: Path, expected: str) -> None:
     if done.returncode or not made.is_file():
         said = [line.strip() for line in done.stderr.splitlines() if line.startswith("Error")]
         raise InputError(source, f"{Path(command[0]).name}: {said[0] if said else 'it says nothing'}", expected)
-
-
-def _limit_mps(limits: ElementTree.Element | None) -> float:
-    """What an OpenDRIVE ``<speed>`` states; any other text than a positive number, as "undefined", is no statement."""
-    stated = {} if limits is None else limits.attrib
-    if stated.get("max") == "no limit":
-        return UNLIMITED_MPS
-    try:
-        limit = float(stated.get("max", "nan")) * UNITS_MPS[stated.get("unit", "m/s")]
-    except (ValueError, KeyError):
-        return USUAL_MPS
-    return limit if 0.0 < limit < math.inf else USUAL_MPS
-
-
-def limited(path: Path, folder: Path) -> Path:
-    """An OpenDRIVE file whose lanes state the speed limits of their roads: netconvert reads those of lanes alone.
-
-    A road's limit holds from its ``s`` on to the next one's, in each lane as far as the lane's own first limit. One
-    that begins within CURVE_STEP_M of a lane section's ends begins there: netconvert cuts roads where limits change.
-
-    :param folder: where it is written
-    :return: ``path`` where no road has a limit, or where netconvert is to say what is wrong with the file
-    """
-    try:
-        root = ElementTree.parse(path).getroot()
-        for item in root.iter():  # without a namespace, which ElementTree would write as a prefix
-            item.tag = item.tag.rpartition("}")[2]
-        roads = [road for road in root.iter("road") if road.find("type/speed") is not None]
-        for road in roads:
-            _limit_lanes(road)
-    except (OSError, SyntaxError, ValueError, LookupError):
-        return path
-    if not roads:
-        return path
-    ElementTree.ElementTree(root).write(folder / "limited.xodr", encoding="utf-8", xml_declaration=True)
-    return folder / "limited.xodr"
-
-
-def _limit_lanes(road: ElementTree.Element) -> None:
-    """:raises ValueError: a length that is no number"""
-    stated = sorted((float(item.get("s", 0.0)), _limit_mps(item.find("speed"))) for item in road.findall("type"))
-    changes = [here for before, here in pairwise([(0.0, 0.0), *stated]) if here[1] != before[1]]
-    sections = list(road.iter("laneSection"))
-    starts = [float(section.get("s", 0.0)) for section in sections]
-    for section, start, end in zip(sections, starts, [*starts[1:], float(road.get("length", 0.0))], strict=True):
-        near = start + CURVE_STEP_M
-        # Of those that begin before the section the last one holds.
-        limits = {0.0 if s < near else s - start: mps for s, mps in changes if s < max(near, end - CURVE_STEP_M)}
-        for lane in section.iter("lane"):
-            own = min((float(item.get("sOffset", 0.0)) for item in lane.findall("speed")), default=math.inf)
-            for offset, mps in limits.items():
-                if offset < own:
-                    ElementTree.SubElement(lane, "speed", sOffset=repr(offset), max=repr(mps))
 
 
 def read_network(path: Path, form: str, folder: Path) -> Network:
