@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -28,19 +30,19 @@ def short(radar: Radar, **waveform: object) -> Radar:
 def seen(
     radar: Radar, bins: NDArray, u: NDArray, velocity: NDArray, snr_db: float, seed: int, cells: str
 ) -> Detections:
-    """What is listed of radially moving targets, by delay and sum of all channels."""
+    """What is listed of radially moving targets, by delay and sum of all channels; ``stored`` cells, as of a dataset,
+    are peaks without their neighbours."""
     place = in_plane(radar.waveform.range_step_m * bins, u)
     unit, draw = place / np.linalg.norm(place, axis=1, keepdims=True), np.random.default_rng(seed)
     amplitude = amplitude_of(snr_db, radar) * np.exp(2j * np.pi * draw.random(len(u)))
     echo = if_signal(radar, place, unit * velocity[:, None], amplitude)
     noise = draw.standard_normal((*echo.shape, 2)).view(complex)[..., 0] * np.sqrt(0.5 * radar.sample_noise_power_w)
-    measurement = of_cube("cube", CubeFile((echo + noise).astype(np.complex64)[None], radar, None), 0, None, cells)
+    cube = CubeFile((echo + noise).astype(np.complex64)[None], radar, None)
+    found = of_cube("cube", cube, 0, None, "peaks" if cells == "stored" else cells).cells
+    found = replace(found, beside=None) if cells == "stored" else found
     array, power = line_array(radar), cell_noise_power(radar)
-    image = np.stack(
-        [ESTIMATORS["das"]().image(rows, array, radar.grid.u, power) for rows in measurement.cells.range_channel]
-    )
-    used = np.arange(radar.array.channels)
-    return find_detections(image, None, measurement.cells.seen_by(used), radar, array, Sought(power))
+    image = np.stack([ESTIMATORS["das"]().image(rows, array, radar.grid.u, power) for rows in found.range_channel])
+    return find_detections(image, None, found.seen_by(np.arange(radar.array.channels)), radar, array, Sought(power))
 
 
 @pytest.mark.parametrize("cells", ["peaks", "all"])
@@ -64,21 +66,23 @@ def test_the_stated_deviation_is_that_of_the_errors(cells) -> None:
     assert np.abs(z).max() < 4.5
 
 
-def test_of_tx_in_turn_the_angle_is_put_right_by_the_velocity() -> None:
-    """Targets at any place in their Doppler cell, 30 dB: without that their errors are 1.6 times what is stated."""
+@pytest.mark.parametrize("cells", ["all", "stored"])
+def test_of_tx_in_turn_the_angle_is_put_right_by_the_velocity(cells: str) -> None:
+    """Targets at any place in their Doppler cell, 30 dB: without that their errors are 1.6 times what is stated; where
+    the place in the cell is not known, the stated deviation has that in it."""
     radar, error, stated = short(load_radar("iwr1843"), chirps=32), [], []
     for seed in range(4):
         draw = np.random.default_rng(100 + seed)
         bins, u = np.linspace(10.0, 22.0, 10) / radar.waveform.range_step_m, draw.uniform(-0.6, 0.6, 10)
         velocity = draw.uniform(-0.4, 0.4, 10) * radar.waveform.velocity_span_mps
-        found = seen(radar, bins, u, velocity, 30.0, seed, "all")
+        found = seen(radar, bins, u, velocity, 30.0, seed, cells)
         for place, angle in zip(bins, u, strict=True):
             near = np.abs(found.range_m / radar.waveform.range_step_m - place) < 0.6
             (index,) = np.flatnonzero(near & (np.abs(found.u - angle) < 0.08))
             error.append(found.u[index] - angle)
             stated.append(found.u_std[index])
     z = np.array(error) / np.array(stated)
-    assert np.median(stated) < 0.0015
+    assert np.median(stated) < (0.0015 if cells == "all" else 0.003)
     assert 0.5 < np.sqrt(np.mean(z**2)) < 1.2
     assert lean(line_array(radar), radar) != 0.0
     assert [lean(line_array(other), other) for other in (Radar(), radar.of_one_chirp)] == [0.0, 0.0]

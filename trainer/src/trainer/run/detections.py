@@ -232,7 +232,7 @@ def _fitted(
             below, above = others
             shift = velocity_offsets(np.stack([below, values, above]), bins, array, at, lines, test.noise_power)
         group, line = np.nonzero(np.abs(lines.amplitude) > 0.0)
-        u, u_std = lines.u + leaning * shift[0], np.hypot(lines.u_std, 0 * leaning * shift[1])
+        u, u_std = lines.u + leaning * shift[0], np.hypot(lines.u_std, leaning * shift[1])
         columns = (u, lines.offset, np.abs(lines.amplitude), u_std, lines.offset_std, *shift)
         u, offset, amplitude, *told = (column[group, line] for column in columns)
         energy = power.sum(axis=1)[group]
