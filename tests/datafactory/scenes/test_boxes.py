@@ -167,6 +167,50 @@ def Xform "Reflector" { custom token radar:target = "trihedral"
     np.testing.assert_allclose(car_box.axes[0], [0.0, 1.0, 0.0], atol=1e-12)
 
 
+def test_samples_that_do_not_differ_make_no_thing(tmp_path: Path) -> None:
+    """Exporters write them for the root of a scene: everything below it were one box of the size of the scene."""
+    world = f"""def Xform "World" {{
+ {ops(translate={0: (0, 0, 0), 48: (0, 0, 0)})}
+ {car(ops(translate={0: (0, 0, 0), 24: (5, 0, 0)}))}
+ {car(placed(20, 10, 0), "House")}
+}}"""
+    thing = only(read(tmp_path, world, f"{METRES_Z_UP}\n startTimeCode = 0\n endTimeCode = 48"))
+    assert thing.name == "/World/Car"
+    np.testing.assert_allclose(thing.at(0.5).velocity, [5.0, 0.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("group", "own", "names"),
+    [
+        ("custom double3 radar:velocity = (5, 0, 0)", "", ["/G", "/G/A", "/G/B"]),
+        ("custom double3 radar:velocity = (0, 0, 0)", "custom double3 radar:velocity = (5, 0, 0)", ["/G/A", "/G/B"]),
+        (ops(translate={0: (0, 0, 0), 24: (5, 0, 0)}), "", ["/G", "/G/A", "/G/B"]),
+        ('custom string radar:class = "convoy"\n custom double3 radar:velocity = (5, 0, 0)', "", ["/G"]),
+    ],
+)
+def test_road_users_of_a_moving_group_are_things_of_their_own(
+    tmp_path: Path, group: str, own: str, names: list[str]
+) -> None:
+    """But for a class that the group states; what else moves with it is one thing, and what rests is none."""
+    users = "".join(
+        f'def Xform "{name}" {{ custom token radar:target = "{kind}"\n {own}\n {ops(translate=(x, 0, 0))} }}\n'
+        for name, kind, x in (("A", "car", 12), ("B", "pedestrian", 40))
+    )
+    things = boxed_things(read(tmp_path, f'def Xform "G" {{\n {group}\n {users} {BODY}\n}}'))
+    moving = [thing for thing in things if np.any(thing.at(0.1).velocity)]
+    assert sorted(thing.name for thing in moving) == names
+    classes = {thing.name: thing.class_name for thing in moving}
+    assert classes.get("/G/B", "pedestrian") == "pedestrian"
+    for thing in moving:
+        np.testing.assert_allclose(thing.at(0.1).velocity, [5.0, 0.0, 0.0], atol=1e-9)
+
+
+def test_a_target_stands_for_geometry_of_the_purpose_render(tmp_path: Path) -> None:
+    stands = f'custom double radar:rcs_dbsm = 10\n custom string radar:class = "car"\n {placed(20, 0, 90)}'
+    shown = BODY.replace("{", '{\n uniform token purpose = "render"', 1)
+    np.testing.assert_allclose(only(read(tmp_path, car(stands, body=shown))).at(0.0).size, [4.0, 2.0, 1.5], atol=1e-9)
+
+
 def test_what_moves_without_a_label_is_a_thing_by_itself() -> None:
     """As scenes that a program makes have it: a point where no size is known."""
     target = PointTarget("post", (4.0, 0.0, 1.0), 0.0, velocity=(0.0, 2.0, 0.0))

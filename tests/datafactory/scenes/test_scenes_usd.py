@@ -101,6 +101,17 @@ def test_material_subsets_split_a_mesh_and_leave_the_rest(tmp_path: Path) -> Non
     assert [area(item) for item in objects] == pytest.approx([8.0, 16.0])
 
 
+@pytest.mark.parametrize("purpose", [":full", ":preview"])
+def test_a_material_of_one_purpose_is_the_material(tmp_path: Path, purpose: str) -> None:
+    body = f"""def Material "glass" {{}}
+    def Mesh "m" (prepend apiSchemas = ["MaterialBindingAPI"]) {{
+      {CUBE}
+      rel material:binding{purpose} = </glass>
+    }}"""
+    (item,) = read(tmp_path, body).objects
+    assert item.material == "glass"
+
+
 def test_an_inherited_material_and_the_radar_override(tmp_path: Path) -> None:
     body = f"""def Material "steel" {{}}
     def Xform "a" (prepend apiSchemas = ["MaterialBindingAPI"]) {{

@@ -33,6 +33,22 @@ def test_a_start_within_the_animation_takes_its_interval_and_place(tmp_path: Pat
     np.testing.assert_allclose(car.vertices.mean(axis=0), [0, 0, 300], atol=1e-9)
 
 
+def test_a_start_without_an_end_is_the_start(tmp_path: Path) -> None:
+    """Before the first sample, at code 12, a prim rests; 0.5 s later it has come to 300 m in another half second."""
+    body = MOVING.replace("{ 0: (0, 0, 0), 12", "{ 12: (0, 0, 0), 24").replace("24: (0, 0, 0)", "36: (0, 0, 0)")
+    car = read(tmp_path, body, f"{METRES_Z_UP}\n timeCodesPerSecond = 24\n startTimeCode = 0").objects[0]
+    for time_s, height in ((0.0, 0.0), (0.5, 0.0), (0.75, 300.0)):
+        np.testing.assert_allclose(car.at(time_s).vertices.mean(axis=0), [0, 0, height], atol=1e-9)
+
+
+@pytest.mark.parametrize("offset", [100, -100])
+def test_without_a_start_the_first_sample_is_that_of_the_composed_stage(tmp_path: Path, offset: int) -> None:
+    """A reference shifts the samples of its layer: the asset moves from time 0 on, as by itself."""
+    write_usda(tmp_path, MOVING, f'{METRES_Z_UP}\n defaultPrim = "car"', "asset.usda")
+    (car,) = read(tmp_path, f'def Xform "R" ( references = @./asset.usda@ (offset = {offset}) ) {{}}').objects
+    np.testing.assert_allclose(car.at(0.25).vertices.mean(axis=0), [0, 0, 300], atol=1e-9)
+
+
 def test_objects_of_one_track_are_one_motion(tmp_path: Path) -> None:
     objects = read(tmp_path, MOVING.replace('def Mesh "house"', 'def Sphere "far" {}\n def Mesh "house"')).objects
     both = read(tmp_path, MOVING + "\n" + MOVING.replace('"car"', '"other"').replace('"house"', '"barn"')).objects

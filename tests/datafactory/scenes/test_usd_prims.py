@@ -124,6 +124,16 @@ def test_concave_polygons_keep_their_area_and_outline() -> None:
         assert not ((middle[:, 0] > 1) & (middle[:, 1] > 1)).any()
 
 
+def test_a_concave_corner_that_stands_twice_is_concave() -> None:
+    """No edge turns at a corner that is repeated: of area 10, a fan from corner 0 would cover 14."""
+    outline = np.array([(0, 0, 0), (4, 0, 0), (4, 4, 0), (2, 1, 0), (2, 1, 0), (0, 4, 0)], dtype=np.float64)
+    for start in range(6):
+        triangles, _ = triangulate(np.roll(outline, start, axis=0), np.array([6]), np.arange(6), Notes())
+        corner = np.roll(outline, start, axis=0)[triangles]
+        doubled = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        assert np.abs(doubled[:, 2]).sum() / 2 == pytest.approx(10.0)
+
+
 def test_a_hole_joined_by_a_doubled_edge_stays_open() -> None:
     outer, inner = [(0, 0), (4, 0), (4, 4), (0, 4)], [(1, 1), (1, 3), (3, 3), (3, 1)]
     ring = [*outer, outer[0], inner[0], *inner[1:], inner[0]]

@@ -249,7 +249,9 @@ class _Reader:
                 self._path, f"{prim.GetPath()} stands at ({x}, {y}, {z})", f"a position within {FARTHEST_M:g} m"
             )
         name, velocity = inherited.frame.name(prim), inherited.velocity or ZERO
-        label = inherited.labelling.label
+        label = inherited.labelling.of_target(
+            prim, kind, inherited.frame, self._transforms, inherited.velocity is not None
+        )
         target = PointTarget(name, (x, y, z), rcs_dbsm, velocity, model, axes, motion, occupied=occupied, label=label)
         if motion is not None:
             check_motion(self._path, name, motion)
@@ -361,6 +363,8 @@ class _Reader:
 def _bound_material(prim: Usd.Prim) -> tuple[str, bool]:
     """Name of the material bound to a prim, "" without one, and whether a binding leads to no material."""
     binding = UsdShade.MaterialBindingAPI(prim)
-    bound, _ = binding.ComputeBoundMaterial()
+    purposes = (UsdShade.Tokens.allPurpose, UsdShade.Tokens.full, UsdShade.Tokens.preview)
+    found = (binding.ComputeBoundMaterial(purpose)[0] for purpose in purposes)
+    bound = next((material for material in found if material), None)
     leads_nowhere = not bound and bool(binding.GetDirectBindingRel().GetTargets())
     return str(bound.GetPrim().GetName()) if bound else "", leads_nowhere

@@ -3,8 +3,8 @@
 - ``radar:class`` (string or token): class of the prim and everything below it, e.g. ``"car"``. The thing is the prim
   itself where it has a transform. A Scope or a point instancer has none of its own: there each prim directly below, or
   each instance, is a thing.
-- Without a class the thing is the prim that states ``radar:velocity``, or the outermost one with samples, or the
-  skeleton's root above a skinned mesh.
+- Without a class the thing is the prim that states ``radar:velocity``, or the outermost one with samples that differ,
+  or the skeleton's root above a skinned mesh; below it a road user with a model is one of its own.
 - ``radar:target`` (string or token) names a model; ``"none"`` exempts a prim from the name rule. That rule holds below
   a prim with ``radar:targets_by_name``: placed prims named car, pedestrian or cyclist are those targets. A name may go
   on with anything but a letter: ``Car``, ``car_17`` and ``Pedestrian2``, but neither ``Cars`` nor ``Carport``.
@@ -57,20 +57,25 @@ class Labelling:
         :param class_name: that the prim itself states
         :param straight: ``radar:velocity`` holds here, so that samples do not count
         """
-        if class_name is None and self.label is not None:
+        states_velocity = prim.HasAttribute("radar:velocity")
+        if class_name is None and self.label is not None and (self.class_name or not states_velocity):
             return self
         found = self
         if class_name is not None:
             found = Labelling(None, class_name, True)
-        elif (
-            prim.HasAttribute("radar:velocity")
-            or transforms.moves(prim)
-            or (prim == frame.root and frame.chain is not None)
-        ):
+        elif states_velocity or transforms.moves(prim) or (prim == frame.root and frame.chain is not None):
             found = replace(self, pending=True)
         if not found.pending or prim.IsA(UsdGeom.PointInstancer) or not prim.IsA(UsdGeom.Xformable):
             return found
         return Labelling(label_of(prim, frame, transforms, straight, found.class_name), found.class_name)
+
+    def of_target(
+        self, prim: Usd.Prim, kind: str | None, frame: Frame, transforms: Transforms, straight: bool
+    ) -> Label | None:
+        """The label of a target of this kind: a road user is a thing of its own, not its group's, but for a class."""
+        if self.label is None or self.class_name or kind not in ROAD_USERS:
+            return self.label
+        return label_of(prim, frame, transforms, straight, "")
 
     def of_shape(self, prim: Usd.Prim, frame: Frame, transforms: Transforms, sampled: bool) -> Label | None:
         """The label of a shape.
@@ -183,7 +188,7 @@ def occupied_below(
 
     :param linear: [3, 3] from the prim's axes to the world's, scale included
     """
-    bound = UsdGeom.Imageable(prim).ComputeUntransformedBound(time, UsdGeom.Tokens.default_)
+    bound = UsdGeom.Imageable(prim).ComputeUntransformedBound(time, UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
     box = bound.ComputeAlignedRange()
     if box.IsEmpty():
         return None

@@ -60,8 +60,7 @@ class Transforms:
     clock: Clock
     to_world: NDArray[np.float64]
     notes: Notes
-    _flags: dict[Sdf.Path, tuple[bool, bool]] = field(default_factory=dict)
-    _factors: dict[str, tuple[Factor, ...]] = field(default_factory=dict)
+    _factors: dict[Sdf.Path, tuple[Factor, ...]] = field(default_factory=dict)
     _tracks: dict[str, Track | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -85,8 +84,8 @@ class Transforms:
         moves = resets = False
         while prim != frame.root and not prim.IsPseudoRoot() and not resets:
             way.append(prim)
-            its_own, resets = self._moves_and_resets(prim)
-            moves |= its_own
+            moves |= self.moves(prim)
+            resets = bool(UsdGeom.Xformable(prim)) and UsdGeom.Xformable(prim).GetResetXformStack()
             prim = prim.GetParent()
         outer = None if resets else frame.chain
         if outer is None and not moves:
@@ -116,29 +115,21 @@ class Transforms:
 
     def factors(self, prim: Usd.Prim) -> tuple[Factor, ...]:
         """The prim's own transform, outermost first."""
-        path = str(prim.GetPath())
+        path = source_path(prim)  # one for all instances of a prototype
         if path not in self._factors:
-            if self._moves_and_resets(prim)[0]:
-                operations = UsdGeom.Xformable(prim).GetOrderedXformOps()
-                self._factors[path] = tuple(self._operation(op) for op in operations)
-            elif UsdGeom.Xformable(prim):
-                self._factors[path] = (columns(self._cache.GetLocalTransformation(prim)[0]),)
-            else:
-                self._factors[path] = ()
+            found: tuple[Factor, ...] = ()
+            xformable = UsdGeom.Xformable(prim)
+            if xformable and xformable.TransformMightBeTimeVarying():
+                found = tuple(self._operation(op) for op in xformable.GetOrderedXformOps())
+            # Samples that do not differ are those of a prim at rest.
+            if xformable and not any(isinstance(factor, Operation) for factor in found):
+                found = (columns(self._cache.GetLocalTransformation(prim)[0]),)
+            self._factors[path] = found
         return self._factors[path]
 
-    def _moves_and_resets(self, prim: Usd.Prim) -> tuple[bool, bool]:
-        """Whether the prim's own transform has samples, and whether it is not relative to the prim's parent."""
-        path = source_path(prim)  # one for all instances of a prototype
-        if path not in self._flags:
-            xformable = UsdGeom.Xformable(prim)
-            moves = bool(xformable) and xformable.TransformMightBeTimeVarying()
-            self._flags[path] = moves, bool(xformable) and xformable.GetResetXformStack()
-        return self._flags[path]
-
     def moves(self, prim: Usd.Prim) -> bool:
-        """Whether the prim's own transform has samples."""
-        return self._moves_and_resets(prim)[0]
+        """Whether the prim's own transform has samples that differ."""
+        return any(isinstance(factor, Operation) for factor in self.factors(prim))
 
     def _body(self, prim: Usd.Prim, frame: Frame) -> str:
         """Name of the innermost prim with samples above the prim, itself included."""

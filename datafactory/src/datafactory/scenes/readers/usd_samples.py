@@ -41,16 +41,15 @@ class Clock:
 
     @staticmethod
     def of(usd_stage: Usd.Stage, notes: Notes) -> Clock:
-        """The clock of a USD stage: its authored start, or else the first sample in any layer, or 0.
+        """The clock of a USD stage: its authored start, or else the first sample of any prim, or 0.
 
         A start after the end is said, and the earlier of the two is the start.
         """
         per_second = float(usd_stage.GetTimeCodesPerSecond())
-        if not usd_stage.HasAuthoredTimeCodeRange():
-            samples = [time for layer in usd_stage.GetUsedLayers() for time in layer.ListAllTimeSamples()]
-            return Clock(min((time for time in samples if np.isfinite(time)), default=0.0), per_second)
-        start, end = float(usd_stage.GetStartTimeCode()), float(usd_stage.GetEndTimeCode())
-        if start > end:
+        states_start, states_end = map(usd_stage.HasAuthoredMetadata, ("startTimeCode", "endTimeCode"))
+        start = float(usd_stage.GetStartTimeCode()) if states_start else _first_sample(usd_stage)
+        end = float(usd_stage.GetEndTimeCode()) if states_end else None
+        if end is not None and start > end:
             notes.say(f"startTimeCode {start:g} lies after endTimeCode {end:g}: time 0 is that of {end:g}")
             start, end = end, start
         return Clock(start, per_second, end)
@@ -69,6 +68,16 @@ class Clock:
         notes.count(
             "# animations have samples before startTimeCode or after endTimeCode, which count too", self._outside
         )
+
+
+def _first_sample(usd_stage: Usd.Stage) -> float:
+    """The earliest time code at which any attribute has a sample, layers' offsets included; 0 without samples."""
+    if not any(layer.ListAllTimeSamples() for layer in usd_stage.GetUsedLayers()):
+        return 0.0
+    ranges = [usd_stage.Traverse(), *(Usd.PrimRange(prototype) for prototype in usd_stage.GetPrototypes())]
+    attributes = (item for prims in ranges for prim in prims for item in prim.GetAuthoredAttributes())
+    samples = (time for item in attributes if item.ValueMightBeTimeVarying() for time in item.GetTimeSamples())
+    return min((time for time in samples if np.isfinite(time)), default=0.0)
 
 
 def attribute_samples(attribute: Usd.Attribute, clock: Clock, notes: Notes) -> Samples | None:
