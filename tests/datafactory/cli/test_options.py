@@ -17,6 +17,7 @@ from datafactory.cli.app import app
 from datafactory.cli.making import next_step, typed
 from datafactory.scenes.poses import Pose
 from shared.cli.options import asking
+from shared.dataset.locations import locate
 from shared.physics.errors import InputError
 from shared.processes.declared import HEADINGS, Option, Options, common, declared, taking
 
@@ -119,6 +120,27 @@ def test_a_number_or_a_text_stays_what_it_is() -> None:
 def test_frames_are_as_many_as_poses(given: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         order_of(OrderOptions("tiny.usda", **given))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"scenes": 3}, "--scene: 3; expected a path, a name or a Scene, or several"),
+        ({"speed": 3.0}, "--speed: 3.0; expected its two ends, as numbers in m/s"),
+        ({"speed": (1, 2, 3)}, "--speed: (1, 2, 3); expected its two ends, as numbers in m/s"),
+        ({"effects": None}, "--effects: None; expected auto, all, or names of effects"),
+        ({"variant": "color"}, "--variant: 'color'; expected set=name, e.g. color=red"),
+    ],
+)
+def test_a_value_of_another_type_is_refused_in_one_line(given: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        order_of(OrderOptions(**{"scenes": "tiny.usda"} | given))  # type: ignore[arg-type]
+    assert str(caught.value) == message
+
+
+def test_a_folder_that_is_no_place_is_refused_in_one_line() -> None:
+    with pytest.raises(InputError, match=r"^None: no place of files; expected a path, or a URI as text"):
+        locate(None)  # type: ignore[arg-type]
 
 
 def test_a_command_hands_on_what_was_stated_and_its_own_defaults() -> None:

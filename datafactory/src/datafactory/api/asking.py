@@ -172,6 +172,8 @@ def scenes_of(
     :raises InputError: nothing to populate, a scene that cannot be read so
     """
     several: Sequence[SceneLike] = (scenes,) if isinstance(scenes, str | Path | Scene) else scenes or ()
+    if not isinstance(several, Iterable):
+        raise InputError("--scene", repr(scenes), "a path, a name or a Scene, or several")
     if asked.populate is not None and not several:
         raise InputError("--populate", "given without a scene", "--scene with it")
     if not (asked.variant or asked.allow_missing or asked.populate is not None):
@@ -258,6 +260,8 @@ def order_of(asked: OrderOptions, synthesis: bool = True) -> Order:
         raise InputError("--frames", "0 and --points 0: nothing to render", "at least one frame")
     if scenes and not of_scenes:
         raise InputError("--scene", "beside --frames 0, which makes none of it", "one of them")
+    if not isinstance(asked.effects, Iterable):
+        raise InputError("--effects", repr(asked.effects), "auto, all, or names of effects")
     effects = parse_effects(asked.effects if isinstance(asked.effects, str) else ",".join(asked.effects))
     radar, folder, rows = radar_of(asked.radar), None, tuple[StoredRow, ...]()
     if asked.paths is not None:

@@ -78,7 +78,7 @@ class ReadingOptions(Options, heading="Scene"):
     """How scenes are read."""
 
     variant: Annotated["Sequence[str]", Option(
-        "set=name: a variant of the USD scenes; may be repeated.", typed=list[str])] = ()
+        "set=name: a variant of the USD scenes; may be repeated.", typed=list[str], several=True)] = ()
     allow_missing: Annotated[bool, Option("Go on without geometry that cannot be opened.")] = False
     populate: Annotated["str | Asked | None", Option(
         "Traffic and street furniture on the free ground, e.g. cars=20,poles=30,parked=0.6; cars=4/100m of road.",

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -202,6 +203,8 @@ def parse_speeds(text: str) -> Speeds:
 
 def checked_speeds(speeds: Speeds) -> Speeds:
     """:raises InputError: speeds that do not rise, or out of bounds"""
+    if not (isinstance(speeds, Sequence) and [isinstance(speed, Real) for speed in speeds] == [True, True]):
+        raise InputError("--speed", repr(speeds), "its two ends, as numbers in m/s")
     least, most = speeds
     if not 0.0 <= least <= most <= LARGEST_SPEED_MPS:
         raise InputError("--speed", f"{least:g}:{most:g}", f"A:B with 0 <= A <= B <= {LARGEST_SPEED_MPS:g} m/s")

@@ -123,6 +123,8 @@ def locate(path: Path | str | RemotePath) -> Location:
     if not isinstance(path, str):
         if _was_uri(path):
             raise InputError(path, "a URI as a Path, which drops a slash of it", "the URI as text")
+        if not isinstance(path, Path | RemotePath):
+            raise InputError(repr(path), "no place of files", "a path, or a URI as text")
         return path
     if re.match(r"[a-z][a-z0-9+.-]+://", path, re.IGNORECASE) is None:
         return Path(path)
