@@ -182,6 +182,23 @@ def test_drawn_frames_are_of_times_at_which_the_scene_s_own_traffic_moves() -> N
     assert late.remarks() == ["two_blocks: 1 of 1 poses are not before 24 s, from when on what has samples rests"]
 
 
+def test_drawn_frames_see_what_goes_straight_on_before_it_has_left_the_scene() -> None:
+    """The blocks end 4 s ahead of the walker's middle. Of several, until half of them have left."""
+    bare = two_blocks()
+    ends_m = max(float(item.vertices[:, 0].max()) for item in bare.objects)
+    walker = PointTarget("walker", (ends_m - 6.0, 0.0, 1.0), 0.0, velocity=(1.5, 0.0, 0.0))
+    scene = populated(replace(bare, targets=(walker,)), Asked({"cars": 2}), 0)
+    assert Movers(scene).populated_s == pytest.approx(4.0)
+    deal = dealt(order_of(OrderOptions(scene, radar="avr-qdm-110", frames=16, rays=100)), (scene,))
+    times = [deal.frame(number).where.time_s for number in range(16)]
+    assert 0.0 <= min(times) < 2.0 < max(times) < 4.0
+    more = (
+        replace(walker, name="slower", velocity=(0.5, 0.0, 0.0)),
+        replace(walker, name="back", velocity=(-9e9, 0.0, 0.0)),
+    )
+    assert Movers(replace(scene, targets=(walker, *more))).populated_s == pytest.approx(4.0)
+
+
 def gardens(*beside: SceneObject) -> Scene:
     """A road 8 m wide along x over open land, with houses 20 m away, and what stands beside it."""
     land = block("land", (-70.0, -50.0, -1.0), (70.0, 50.0, -0.02), 0.0)

@@ -196,6 +196,24 @@ def _corners(target: PointTarget) -> tuple[Real, Real]:
     return np.array(target.position) + offsets, np.array(target.velocity) + np.cross(np.array(target.spin), offsets)
 
 
+def _leave_s(scene: Scene, straight_on: Sequence[SceneObject | PointTarget]) -> list[float]:
+    """When each of what goes straight on for ever leaves the rectangle of what rests [s]; none where nothing rests."""
+    corners = [
+        end(item.vertices[:, :2], axis=0) for item in scene.objects if not item.moves for end in (np.min, np.max)
+    ]
+    if not corners:
+        return []
+    low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+    found = []
+    for item in straight_on:
+        place = item.vertices.mean(axis=0) if isinstance(item, SceneObject) else np.array(item.position)
+        speed = np.array(item.velocity[:2])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            reaches_s = (np.where(speed > 0.0, high, low) - place[:2]) / speed
+        found.append(max(0.0, float(np.where(speed == 0.0, np.inf, reaches_s).min())))
+    return found
+
+
 class Movers:
     """The boxes around everything that moves in a scene, upright and along the world's axes, at any time."""
 
@@ -209,7 +227,11 @@ class Movers:
         ends_s = [motion.ends_s for motion in own if motion is not None]
         self.rests_from_s = max(ends_s, default=horizon_s or np.inf)
         """From when on what of the scene's own has samples rests [s]; where nothing has, a population; else inf."""
-        self.populated_s = horizon_s if self.rests_from_s <= 0.0 or not horizon_s else min(horizon_s, self.rests_from_s)
+        self.populated_s = horizon_s
+        if horizon_s:
+            moving_s = self.rests_from_s if self.rests_from_s > 0.0 else np.inf
+            leave_s = _leave_s(scene, [item for item in movers if item.motion is None])
+            self.populated_s = min(horizon_s, moving_s, float(np.median(leave_s)) if leave_s else np.inf)
         """A drawn frame's time is from 0 to here [s]; None without a population, or where nothing moves."""
 
     def __bool__(self) -> bool:
