@@ -19,7 +19,8 @@ from typing import Any
 import psutil
 import pytest
 import ray_work
-from factory_command import ended, shards
+from command_line import ended
+from factory_command import shards
 from ray_cluster import add_node, kill_node, ray_cluster
 from s3_server import KEY, SECRET, Server
 
@@ -57,7 +58,7 @@ class Ended:
 
 def command(*arguments: object) -> Ended:
     """A command as the shell runs it, in this process; nothing it says shows the secret."""
-    done = Ended(*ended(*arguments))
+    done = Ended(*ended("datafactory", *arguments))
     assert SECRET not in done.out + done.err
     return done
 

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 import torch
-from command_line import status
+from command_line import ended
 from tiny_radar import small_dataset
 from tiny_run import make_run
 from typer.testing import CliRunner
@@ -27,12 +27,12 @@ SIZE = ["--width", "4", "--rows", "16", "--steps", "4", "--validate-every", "4",
         (KeyboardInterrupt(), 130, "trainer: interrupted; the same command with --resume goes on"),
     ],
 )  # fmt: skip
-def test_a_run_that_failed_is_one_line_and_status_1(capsys, monkeypatch, error, code, line):
+def test_a_run_that_failed_is_one_line_and_status_1(monkeypatch, error, code, line):
     def failing(**_):
         raise error
 
     monkeypatch.setattr(cli, "app", failing)
-    found, _, text = status(capsys, monkeypatch)
+    found, _, text = ended("trainer")
     assert found == code
     assert text.startswith(line)
     assert text.count("\n") == 1
@@ -49,27 +49,27 @@ def test_a_run_that_failed_is_one_line_and_status_1(capsys, monkeypatch, error, 
          "it has no --resume: run it again"),
     ],
 )  # fmt: skip
-def test_an_interrupted_command_says_how_to_go_on(capsys, monkeypatch, work, arguments, advice):
+def test_an_interrupted_command_says_how_to_go_on(monkeypatch, work, arguments, advice):
     """As typer hands it on, which swallows Ctrl-C of its own accord."""
 
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(work, interrupted)
-    code, _, text = status(capsys, monkeypatch, *arguments, "--out", "out.npz")
+    code, _, text = ended("trainer", *arguments, "--out", "out.npz")
     assert (code, text) == (130, f"trainer: interrupted; {advice}\n")
 
 
-def test_names_are_printed_as_they_are(capsys, monkeypatch):
+def test_names_are_printed_as_they_are(monkeypatch):
     """Rich would make a picture of :car:, and take [0] for markup."""
     monkeypatch.setattr("trainer.training.fit.fit", lambda out, announce, **_: announce(f"weights in {out}"))
-    code, said, _ = status(capsys, monkeypatch, "fit", "a:smile:b", "--out", "out/:car:/[0]")
+    code, said, _ = ended("trainer", "fit", "a:smile:b", "--out", "out/:car:/[0]")
     assert code == 0
     assert said.startswith("weights in out/:car:/[0]\nrun in out/:car:/[0]; curves: ")
     assert "trainer predict 'out/:car:/[0]' a:smile:b --out DIR" in said
 
 
-def test_what_an_interrupted_predict_advises_works(tmp_path, capsys, monkeypatch):
+def test_what_an_interrupted_predict_advises_works(tmp_path, monkeypatch):
     """The folder has a picture and no images.parquet, and is refused until it is emptied."""
     data, out = small_dataset(tmp_path / "data"), tmp_path / "images"
 
@@ -80,22 +80,22 @@ def test_what_an_interrupted_predict_advises_works(tmp_path, capsys, monkeypatch
     arguments = ("predict", data, "--method", "das", "--out", out)
     with monkeypatch.context() as patched:
         patched.setattr("trainer.run.pictures.save_picture", interrupted)
-        assert status(capsys, patched, *arguments)[0] == 130
+        assert ended("trainer", *arguments)[0] == 130
     (picture,) = out.iterdir()
-    assert "is not empty; expected an empty or new folder" in status(capsys, monkeypatch, *arguments)[2]
+    assert "is not empty; expected an empty or new folder" in ended("trainer", *arguments)[2]
     picture.unlink()
-    assert status(capsys, monkeypatch, *arguments)[0] == 0
+    assert ended("trainer", *arguments)[0] == 0
     assert (out / "images.parquet").is_file()
 
 
-def test_a_fit_from_none_is_one_that_does_not_say(tmp_path, capsys, monkeypatch):
+def test_a_fit_from_none_is_one_that_does_not_say(tmp_path, monkeypatch):
     """Also where a run folder has that name: ./none is it."""
     monkeypatch.chdir(tmp_path)
     data = small_dataset(tmp_path / "data")
     notes = []
     for out, begin in (("none", ()), ("second", ("--from", "none")), ("third", ("--from", "./none"))):
         arguments = ("fit", data, "--out", out, "--model", "spectral-unet", "--hidden", "16", *SIZE, *begin)
-        assert status(capsys, monkeypatch, *arguments)[0] == 0
+        assert ended("trainer", *arguments)[0] == 0
         notes.append((tmp_path / out / "run.json").read_bytes())
     assert notes[0] == notes[1]
     assert read_run(tmp_path / "second").start is None
