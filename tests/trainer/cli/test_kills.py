@@ -6,13 +6,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import psutil
 import pytest
 from command_line import ended
+from processes import have_ended, wait_for
 from small_evaluation import make_data
 from tiny_radar import small_dataset
 
@@ -20,14 +20,6 @@ from trainer.run.folder import JOB
 
 SIZE = ["--width", "4", "--rows", "16", "--validate-every", "4", "--array", "full", "--points", "0"]
 INTERRUPTED = "trainer: interrupted"
-
-
-def wait_for(condition: Callable[[], object], seconds: float = 120.0) -> None:
-    """Until the condition holds; fails after a time that no slow machine takes."""
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.05)
 
 
 @contextmanager
@@ -46,10 +38,6 @@ def started(*arguments: object) -> Iterator[subprocess.Popen[str]]:
 
 def descendants(process: subprocess.Popen[str]) -> list[psutil.Process]:
     return psutil.Process(process.pid).children(recursive=True)
-
-
-def have_ended(processes: list[psutil.Process]) -> bool:
-    return not any(found.is_running() and found.status() != psutil.STATUS_ZOMBIE for found in processes)
 
 
 @pytest.mark.slow
