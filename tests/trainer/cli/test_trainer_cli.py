@@ -1,11 +1,9 @@
-"""The command line: exit status and one line; several processes train what one trains."""
+"""The command line: exit status and one line, and the commands one after the other."""
 
-import os
 import subprocess
 import sys
 
 import pytest
-import torch
 from command_line import ended
 from tiny_radar import small_dataset
 from tiny_run import make_run
@@ -129,31 +127,3 @@ def test_predict_imports_no_pandas(tmp_path):
     assert {"pyarrow", "torch", "matplotlib"} < imported
     assert "pandas" not in imported
     assert (tmp_path / "images" / "detections.csv").is_file()
-
-
-@pytest.mark.slow
-def test_two_processes_train_what_one_trains(tmp_path):
-    """Two processes with a batch of 2 each against one with a batch of 4: equal but for the order of sums.
-
-    Held to the relative norm over all weights, because Adam turns the rounding of a gradient near zero into a step
-    of that one weight. Measured: 3.5e-5; one process with a batch of 2, i.e. half of the data, differs by 1.6e-2.
-    """
-    data = small_dataset(tmp_path / "data")
-
-    def fit(name, devices, batch):
-        command = ["fit", data, "--out", tmp_path / name, *SIZE, "--devices", devices, "--batch", batch]
-        return [str(part) for part in command]
-
-    alone = CliRunner().invoke(app, fit("one", 1, 4), catch_exceptions=False)
-    assert alone.exit_code == 0, alone.output
-    done = subprocess.run(
-        [sys.executable, "-m", "trainer", *fit("two", 2, 2)], env={**os.environ, "OMP_NUM_THREADS": "1"},
-        capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    # The best weights may be the first; the last have seen all steps.
-    one, two = (torch.load(tmp_path / name / "last.ckpt", weights_only=True)["state_dict"] for name in ("one", "two"))
-    difference = torch.cat([(two[name] - one[name]).flatten() for name in one])
-    assert difference.norm() <= 1e-3 * torch.cat([weight.flatten() for weight in one.values()]).norm()
-    assert (tmp_path / "one/metrics.csv").read_text().count("\n") == 3
-    assert (tmp_path / "two/metrics.csv").read_text().count("\n") == 3
