@@ -297,7 +297,7 @@ def test_a_point_cloud_says_what_it_holds(tmp_path) -> None:
     assert len(lines) == 13
 
 
-def listed(source, out: Path, **options: object) -> list[dict[str, Any]]:
+def listed(source: Any, out: Path, **options: Any) -> list[dict[str, Any]]:
     """What predict lists of the only frame."""
     predict(source, out, pictures=False, points=True, **options)
     (found,) = pq.read_table(out / "images.parquet")["detections"].to_pylist()

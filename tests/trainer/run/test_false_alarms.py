@@ -192,7 +192,7 @@ def test_of_noise_an_array_that_tells_no_angle_lists_about_what_is_asked_for(
     array = AntennaArray(tx_m=(here,), rx_m=tuple((0.0, left_m, 2e-3 * place) for place in range(rx)))
     radar = Radar(waveform=waveform, array=array)
     draw, frames = np.random.default_rng(2), 30
-    white = noisy(np.zeros((frames, chirps, 128, rx)), radar, draw)
+    white = noisy(np.zeros((frames, chirps, 128, rx), complex), radar, draw)
     for asked in (0.1, 3.0):
         predictor = Predictor.load("das", radar, PointsRequest(false_alarms=asked), velocity=(0.0, 0.0))
         found = [points for cube in white if (points := predictor.cube(cube).points) is not None]
