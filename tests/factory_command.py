@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
-import sys
 from pathlib import Path
 from typing import Any
 
-import pytest
+from command_line import ended
 from typer.testing import CliRunner
 
-from datafactory.cli.app import app, main
+from datafactory.cli.app import app
 from shared.dataset.folder import read_manifest
 
 
@@ -22,19 +19,9 @@ def run(*arguments: object) -> str:
     return result.output
 
 
-def ended(*arguments: object) -> tuple[int, str, str]:
-    """(exit status, standard output, standard error) of the command as the shell runs it, in this process."""
-    out, err = io.StringIO(), io.StringIO()
-    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        patch.setattr(sys, "argv", ["datafactory", *map(str, arguments)])
-        with pytest.raises(SystemExit) as left:
-            main()
-    return int(left.value.code or 0), out.getvalue(), err.getvalue()
-
-
 def refused(*arguments: object) -> str:
     """The one line with which the command says that it cannot be run so."""
-    status, _, line = ended(*arguments)
+    status, _, line = ended("datafactory", *arguments)
     assert (status, line.count("\n")) == (2, 1)
     return line
 

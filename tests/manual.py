@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import re
 import shlex
-import sys
 from dataclasses import dataclass
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -88,17 +85,3 @@ def anchors(page: Path) -> set[str]:
     text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.S | re.M)
     headings = re.findall(r"^#+ (.*)$", text, re.M)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
-
-
-def run_program(patch: pytest.MonkeyPatch, program: str, arguments: list[str]) -> None:
-    """``datafactory`` or ``trainer`` in this process; the exit status is 0."""
-    from datafactory.cli.app import main as datafactory
-    from trainer.cli.app import main as trainer
-
-    patch.setattr(sys, "argv", [program, *arguments])
-    code: object = None
-    try:
-        (datafactory if program == "datafactory" else trainer)()
-    except SystemExit as left:
-        code = left.code
-    assert not code, f"{program} {' '.join(arguments)}: status {code}"

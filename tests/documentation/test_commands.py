@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from manual import DOCS, PAGES, ROOT, Command, blocks, commands, name_of, run_program
+from command_line import ended
+from manual import DOCS, PAGES, ROOT, Command, blocks, commands, name_of
 from pages import GUIDES
 from typer.main import get_command
 
@@ -158,7 +159,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     (folder / "radar.toml").write_text(blocks(DOCS / "own-radar.md", "toml")[0], encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        run_program(patch, "datafactory", ["points", "--frames", "8", "--workers", "1", "--out", "build/dataset"])
+        assert ended("datafactory", "points", "--frames", 8, "--workers", 1, "--out", "build/dataset")[0] == 0
     yield folder
     shutil.rmtree(folder)
 
@@ -184,7 +185,8 @@ def test_a_reader_follows_the_page(page: Path, place: Path, monkeypatch: pytest.
         smaller = [*arguments, *(OF_STORED_PATHS if "--paths" in arguments else SMALLER[kind])]
         if "--frames" in arguments:
             smaller += ["--frames", FEWER_FRAMES.get(kind, "2")]
-        run_program(monkeypatch, program, smaller)
+        code, _, said = ended(program, *smaller)
+        assert code == 0, f"{command.text}: {said}"
     for block in blocks(page, "python"):
         for theirs, ours in SMALLER_PYTHON.items():
             block = block.replace(theirs, ours)

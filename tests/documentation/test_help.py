@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import typer
-from manual import run_program
+from command_line import ended
 from raw_files import write_two_lanes
 from small_radar import write_small_radar
 from typer.main import get_command
@@ -68,14 +68,14 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, varia
     write_small_radar(tmp_path)
     Path("build").mkdir()
     for job in (0, 1):
-        _run(monkeypatch, f"datafactory points --frames 4 --out build/jobs --shard {job}/2")
+        _run(f"datafactory points --frames 4 --out build/jobs --shard {job}/2")
     radar = load_radar("iwr1843")
     for name, (range_m, angle_deg) in CORNERS.items():
         place = range_m * np.exp(1j * np.deg2rad(angle_deg))
         cube = if_signal(radar, np.array([[place.real, place.imag, 0.0]]), np.zeros((1, 3)), np.ones(1))
         write_two_lanes(tmp_path / name, np.asarray(cube)[None], radar)
     for text in EVERY:
-        _run(monkeypatch, text)
+        _run(text)
     for made in (
         "mine/manifest.json", "whole/manifest.json", "street.html", "run.onnx", "images", "images-of-run",
         "report/report.html", "accuracy/accuracy.png",
@@ -83,7 +83,7 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, varia
         assert (tmp_path / "build" / made).exists(), made
 
 
-def _run(patch: pytest.MonkeyPatch, text: str) -> None:
+def _run(text: str) -> None:
     """In this process, smaller; the exit status is 0."""
     program, name, *arguments = shlex.split(text)
     arguments = [FEWER.get(word, word) for word in arguments]
@@ -98,7 +98,8 @@ def _run(patch: pytest.MonkeyPatch, text: str) -> None:
     if program == "trainer":  # a dataset has its splits
         smaller.pop("--split", None)
     words = (word for pair in smaller.items() for word in pair if word)
-    run_program(patch, program, [name, *arguments, *words])
+    code, _, said = ended(program, name, *arguments, *words)
+    assert code == 0, f"{text}: {said}"
 
 
 OURS = {"shared", "datafactory", "trainer"}

@@ -19,7 +19,8 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from factory_command import ended, refused, run, shards
+from command_line import ended
+from factory_command import refused, run, shards
 from prepared_scenes import EFFECT_SCENES as EFFECTS
 from prepared_scenes import prepared_scene
 from small_radar import write_small_radar
@@ -226,7 +227,7 @@ def scene_arguments() -> list[object]:
 
 def test_plan_prints_json_and_nothing_else(scene_arguments, tmp_path: Path) -> None:
     out = tmp_path / "plan"
-    status, said, _ = ended("plan", *scene_arguments, "--json", "--no-times", "--out", out)
+    status, said, _ = ended("datafactory", "plan", *scene_arguments, "--json", "--no-times", "--out", out)
     assert status == 0
     printed = json.loads(said)
     assert printed["scene"] == "parked_car"
@@ -253,7 +254,9 @@ def test_plan_prints_a_table(scene_arguments) -> None:
 
 def test_plan_tells_the_decision_of_a_run_without_noise(scene_arguments) -> None:
     """Where the budget counts alone, the edges of the test before are left out."""
-    _, said, _ = ended("plan", *scene_arguments, "--json", "--no-times", "--no-noise", "--error-budget", -5)
+    _, said, _ = ended(
+        "datafactory", "plan", *scene_arguments, "--json", "--no-times", "--no-noise", "--error-budget", -5
+    )
     reasons = {item["effect"]: item["reason"] for item in json.loads(said)["effects"] if not item["on"]}
     assert "below the error budget" in reasons["diffraction"]
     assert reasons["noise"] == "receiver noise is not asked for"

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -19,7 +18,9 @@ from typing import Any
 import psutil
 import pytest
 import ray_work
-from factory_command import ended, shards
+from command_line import ended
+from factory_command import shards
+from processes import wait_for
 from ray_cluster import add_node, kill_node, ray_cluster
 from s3_server import KEY, SECRET, Server
 
@@ -57,7 +58,7 @@ class Ended:
 
 def command(*arguments: object) -> Ended:
     """A command as the shell runs it, in this process; nothing it says shows the secret."""
-    done = Ended(*ended(*arguments))
+    done = Ended(*ended("datafactory", *arguments))
     assert SECRET not in done.out + done.err
     return done
 
@@ -118,9 +119,7 @@ def test_a_killed_run_ends_in_the_same_bytes(server, radar_file, reference, tmp_
     monkeypatch.setenv("AWS_MAX_ATTEMPTS", "11")
     asked = (*POINTS, "--workers", 2, "--radar", radar_file, "--out", server.uri("killed"))
     with subprocess.Popen([sys.executable, "-m", "datafactory", *map(str, asked)]) as process:
-        while sum("part-" in key for key in server.keys("killed/.progress/")) < 2:
-            assert process.poll() is None
-            time.sleep(0.02)
+        wait_for(lambda: sum("part-" in key for key in server.keys("killed/.progress/")) >= 2, process=process)
         process.send_signal(signal.SIGKILL)
     server.mend()
     require_no_secret(server, tmp_path)
@@ -273,9 +272,7 @@ def test_nothing_outlives_a_command_that_is_killed(
     command = [sys.executable, "-m", "datafactory", "points", "--frames", str(FRAMES), "--split", "2:1:1"]
     command += ["--radar", str(radar_file), "--out", str(out), "--engine", "ray", "--address", cluster.address]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    while not (at_work := tasks()):
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.05)
+    at_work = wait_for(tasks, process=process)
     family = [*psutil.Process(process.pid).children(recursive=True), *at_work]
     process.send_signal(signal.SIGKILL)
     assert process.communicate()[1] == ""

@@ -1,4 +1,4 @@
-"""Cubes as ``trainer import`` writes them, of a radar of another band than the tiny one."""
+"""Cubes as ``trainer import`` and users write them, with noise; a radar of another band than the tiny one."""
 
 from __future__ import annotations
 
@@ -27,6 +27,18 @@ def other_radar(places: NDArray[np.float64] = PLACES, stretch: float = 1.0, shif
     rx = line(2e-3 * scale * places + shift_m)
     array = AntennaArray(tx_m=RADAR.array.tx_m, rx_m=rx)
     return RADAR.model_copy(update={"name": "other", "waveform": OTHER, "array": array})
+
+
+def noisy(echo: NDArray[np.complexfloating], radar: Radar, generator: np.random.Generator) -> NDArray[np.complex64]:
+    """The samples of echoes with the receiver's noise."""
+    noise = generator.standard_normal((*echo.shape, 2)) @ [1.0, 1.0j] * np.sqrt(0.5 * radar.sample_noise_power_w)
+    return (echo + noise).astype(np.complex64)
+
+
+def write_plain_cube(path: Path, cube: NDArray[np.complexfloating], radar: Radar) -> Path:
+    """One or several frames as a user may write them, without a capture."""
+    np.savez(path, cube=cube.astype(np.complex64), radar=radar.model_dump_json())
+    return path
 
 
 def capture_of(**changes: object) -> Capture:

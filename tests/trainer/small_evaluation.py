@@ -3,7 +3,6 @@
 from dataclasses import replace
 from typing import Any
 
-import command_line
 from tiny_radar import RADAR as SHORT_RADAR
 from tiny_radar import frame, tiny, write_dataset
 from tiny_run import run_of
@@ -54,9 +53,3 @@ def run_all(inputs, out, **changes):
     if changes["measured"] is None:
         del changes["targets"]
     return evaluate(data, out=out, **(QUICK | changes))
-
-
-def status(capsys, monkeypatch, *arguments):
-    """(exit status, standard error) of the command."""
-    code, _, said = command_line.status(capsys, monkeypatch, "evaluate", *arguments)
-    return code, said

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -21,30 +19,21 @@ from trainer.evaluation.store import Values
 
 @dataclass(eq=False)
 class Troubled(Experiment):
-    """Cells of what :data:`WORK` has, by name.
-
-    :param died: file that notes the processes that died of "die once"
-    """
+    """Cells of what :data:`WORK` has, by name."""
 
     work: tuple[str, ...]
     name: str = "troubled"
-    died: Path = Path("died")
     title: str = ""
     caption: str = ""
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
         return [
-            Task(
-                (kind, "", f"place={place}"),
-                "",
-                partial(WORK[kind], bench, self.died),
-                "cuda" if kind == "gpu" else "cpu",
-            )
+            Task((kind, "", f"place={place}"), "", partial(WORK[kind], bench), "cuda" if kind == "gpu" else "cpu")
             for place, kind in enumerate(self.work)
         ]
 
 
-def _report(bench: Bench, _died: Path) -> Values:
+def _report(bench: Bench) -> Values:
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, ())
     threads = max([torch.get_num_threads(), *(pool["num_threads"] for pool in threadpool_info())])
     return {
@@ -53,25 +42,13 @@ def _report(bench: Bench, _died: Path) -> Values:
     }  # fmt: skip
 
 
-def _refuse(_bench: Bench, _died: Path) -> Values:
+def _refuse(_bench: Bench) -> Values:
     raise InputError("part-00000.parquet", "row 3: damaged", "a whole row")
 
 
-def _die(_bench: Bench, _died: Path) -> Values:
+def _die(_bench: Bench) -> Values:
     os.kill(os.getpid(), signal.SIGKILL)
     return {}
 
 
-def _die_once(bench: Bench, died: Path) -> Values:
-    if not died.exists():
-        died.write_text(f"{os.getpid()}\n")
-        os.kill(os.getpid(), signal.SIGKILL)
-    return _report(bench, died)
-
-
-def _hang(_bench: Bench, _died: Path) -> Values:
-    threading.Event().wait()
-    return {}
-
-
-WORK = {"report": _report, "gpu": _report, "refuse": _refuse, "die": _die, "die once": _die_once, "hang": _hang}
+WORK = {"report": _report, "gpu": _report, "refuse": _refuse, "die": _die}

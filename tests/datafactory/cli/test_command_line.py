@@ -9,7 +9,8 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from factory_command import ended, refused
+from command_line import ended
+from factory_command import refused
 from typer.main import get_params_from_function
 from typer.testing import CliRunner
 
@@ -39,7 +40,7 @@ def test_an_interrupted_command_says_how_to_go_on(
 ) -> None:
     """As typer hands it on, which swallows Ctrl-C of its own accord."""
     monkeypatch.setattr(work, interrupted)
-    status, _, line = ended(*arguments)
+    status, _, line = ended("datafactory", *arguments)
     assert (status, line) == (130, f"datafactory: interrupted; {advice}\n")
 
 
@@ -109,7 +110,7 @@ def test_what_cannot_be_is_one_line_and_nothing_is_written(
 
 
 def test_a_run_that_was_refused_leaves_no_bar_behind(tmp_path: Path) -> None:
-    assert ended("render", "none.usda", "--out", tmp_path / "out")[:2] == (2, "\n")
+    assert ended("datafactory", "render", "none.usda", "--out", tmp_path / "out")[:2] == (2, "\n")
 
 
 @pytest.mark.parametrize("command", ["plan", "accuracy"])
@@ -167,7 +168,7 @@ def test_tables_and_lines_show_square_brackets_and_colons(
 
 
 def test_the_version_is_that_of_the_distribution() -> None:
-    assert ended("--version")[:2] == (0, f"datafactory {version('sparseradar-datafactory')}\n")
+    assert ended("datafactory", "--version")[:2] == (0, f"datafactory {version('sparseradar-datafactory')}\n")
 
 
 @pytest.mark.parametrize(

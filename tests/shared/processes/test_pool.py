@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections import deque
 from functools import partial
 from pathlib import Path
@@ -15,6 +14,7 @@ from tempfile import TemporaryDirectory
 import psutil
 import pytest
 from pool_work import Squares, note_process
+from processes import wait_for
 
 from datafactory.inspection.doctor import examine_names
 from shared.dataset.claims import claimed
@@ -141,16 +141,7 @@ def test_workers_end_with_the_process_that_started_them(how: signal.Signals, tmp
     began = [int(path.name.removeprefix("began-")) for path in tmp_path.glob("began-*")]
     os.kill(parent.pid, how)
     assert parent.wait(timeout=30) != 0
-    wait_for(lambda: not any(psutil.pid_exists(process) for process in began))
-
-
-def wait_for(condition: object, seconds: float = 60.0) -> None:
-    """Until the condition holds; fails after a time that no slow machine takes."""
-    assert callable(condition)
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.05)
+    wait_for(lambda: not any(psutil.pid_exists(process) for process in began), seconds=60.0)
 
 
 HELD = """

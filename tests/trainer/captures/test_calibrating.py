@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ from shared.radar import Radar, load_radar
 from shared.signal.signal import if_signal
 from shared.signal.windows import hann
 from trainer.captures.calibrating import Place, calibrate, residual
-from trainer.captures.calibration import Calibration, read_calibration
+from trainer.captures.calibration import Calibration, read_calibration, to_toml
 from trainer.captures.cube_file import Capture, read_cube
 from trainer.captures.importing import import_capture, read_capture
 from trainer.captures.options import Reading
@@ -201,6 +202,13 @@ def test_a_calibration_of_something_else_is_refused(bench: Bench, change: dict[s
     changed = found.model_copy(update=change)
     with pytest.raises(InputError, match=message):
         changed.require_fits("c.toml", BOARD, bench.radar)
+
+
+def test_any_text_comes_back() -> None:
+    """TOML has no control characters in a text but the tab; JSON has U+007F."""
+    text = "".join(map(chr, (*range(0x180), 0x2028, 0xFFFE, 0x1F600)))
+    document = {"source": text, "captures": [{"source": text}]}
+    assert tomllib.loads(to_toml(document)) == document
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from command_line import status
+from command_line import ended
 from numpy.typing import NDArray
 from raw_files import radar_file, radar_of
 
@@ -103,7 +103,7 @@ def test_it_is_applied_as_the_scripts_do(
 
 
 def test_import_makes_the_channels_of_its_own_reflector_one(
-    tmp_path: Path, whole: Radar, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, whole: Radar, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In phase in the middle of the sweep: a peak half of a padded bin off turns it by nothing there."""
     monkeypatch.chdir(tmp_path)
@@ -111,8 +111,8 @@ def test_import_makes_the_channels_of_its_own_reflector_one(
     scipy.io.savemat("calibrateResults.mat", results(samples, whole))
     np.save("corner.npy", np.tile(samples.reshape(1, 1, 32, 192), (1, 4, 1, 1)))
     options = ("--board", "mmwcas", "--radar", "capture.toml", "--axes", "frame chirp sample (rx tx)")
-    code, said, _ = status(
-        capsys, monkeypatch, "import", "corner.npy", *options, "--calibration", "calibrateResults.mat",
+    code, said, _ = ended(
+        "trainer", "import", "corner.npy", *options, "--calibration", "calibrateResults.mat",
         "--out", "cube.npz",
     )  # fmt: skip
     assert code == 0
@@ -125,7 +125,7 @@ def test_import_makes_the_channels_of_its_own_reflector_one(
 
 @pytest.mark.parametrize("chirps", ["", CHIRPS])
 def test_calibrate_finds_what_it_finds_in_the_samples(
-    tmp_path: Path, whole: Radar, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, chirps: str
+    tmp_path: Path, whole: Radar, monkeypatch: pytest.MonkeyPatch, chirps: str
 ) -> None:
     """Gain, phase and delay of the exact place, of the elements in use and in the order in which they send."""
     monkeypatch.chdir(tmp_path)
@@ -138,7 +138,7 @@ def test_calibrate_finds_what_it_finds_in_the_samples(
     options = ("--board", "mmwcas", "--radar", "capture.toml", "--range", PLACE[0], "--angle", PLACE[1])
     out = tmp_path / "c.toml"
     for source, axes in (("calibrateResults.mat", ()), ("corner.npy", ("--axes", "chirp sample (rx tx)"))):
-        code, _, said = status(capsys, monkeypatch, "calibrate", source, *options, *axes, "--out", out)
+        code, _, said = ended("trainer", "calibrate", source, *options, *axes, "--out", out)
         assert (code, said) == (0, "")
         found.append(tomllib.loads(out.read_text(encoding="utf-8")))
         out.unlink()
@@ -178,7 +178,7 @@ NO_REFERENCE = 1.0 - (np.arange(192).reshape(12, 16) == 176.0)
     ],
 )
 def test_what_does_not_fit_is_one_line(
-    tmp_path: Path, whole: Radar, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, whole: Radar, monkeypatch: pytest.MonkeyPatch,
     field: str, value: Any, message: str,
 ) -> None:  # fmt: skip
     """A field of the file, an entry of the radar's, the board, or an option that tells nothing of such a file."""
@@ -199,7 +199,7 @@ def test_what_does_not_fit_is_one_line(
         np.save("corner.npy", np.zeros((4, 32, 192), complex))
         command = ["import", "corner.npy", "--calibration", source, "--out", "cube.npz"]
     scipy.io.savemat("calibrateResults.mat", content)
-    code, _, said = status(capsys, monkeypatch, *command, *options, "--board", board, "--radar", "capture.toml")
+    code, _, said = ended("trainer", *command, *options, "--board", board, "--radar", "capture.toml")
     assert code == 2
     expected = message.replace("FIELD", field).replace("FILE", "calibrateResults.mat")
     assert said.startswith(f"trainer: {source}: {expected}")

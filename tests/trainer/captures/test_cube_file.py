@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from captured_cubes import write_plain_cube
 from numpy.typing import NDArray
 from tiny_radar import RADAR
 
@@ -64,19 +65,17 @@ def test_noise_that_no_capture_states_is_thermal_or_measured_where_the_samples_a
     noise = np.random.default_rng(1).standard_normal((16, 64, 6, 2)) @ np.array([0.5**0.5, 0.5**0.5 * 1j])
     cube = np.sqrt(radar.sample_noise_power_w) * (noise + if_signal(radar, places, 0.0 * places, np.full(2, 10 + 0j)))
     scale = 3.0 / np.sqrt(radar.sample_noise_power_w) if counts else 1.0
-    np.savez(tmp_path / "own.npz", cube=(scale * cube).astype(np.complex64), radar=radar.model_dump_json())
-    (measurement,) = open_measurements(tmp_path / "own.npz", None, "test")[1]
+    path = write_plain_cube(tmp_path / "own.npz", scale * cube, radar)
+    (measurement,) = open_measurements(path, None, "test")[1]
     assert measurement.noise_power == pytest.approx(
         scale**2 * cell_noise_power(radar), rel=0.1 if counts else 1e-12, abs=0.0
     )
     said = list[str]()
-    predict(
-        [tmp_path / "own.npz"], tmp_path / "out", method="das", points=True, false_alarms=0.01, announce=said.append
-    )  # fmt: skip
+    predict([path], tmp_path / "out", method="das", points=True, false_alarms=0.01, announce=said.append)
     assert len(pq.read_table(tmp_path / "out/images.parquet")["detections"][0]) == 2
     remarks = [line for line in said if "noise as measured in the cube" in line]
     assert len(remarks) == counts
-    assert all(line.startswith(f"{tmp_path}/own.npz: ") for line in remarks)
+    assert all(line.startswith(f"{path}: ") for line in remarks)
 
 
 @pytest.mark.parametrize(

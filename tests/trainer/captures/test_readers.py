@@ -28,7 +28,7 @@ def read(folder: Path, name: str, board: str, **options: object) -> RawCapture:
 
 
 def read_axes(path: Path, radar: Radar, axes: str | None = None) -> tuple[NDArray[np.complex64], str]:
-    return read_array_capture(path, radar, Reading("any", axes=axes), read_arrays(path))
+    return read_array_capture(path, radar, Reading("iwr1843", axes=axes), read_arrays(path))
 
 
 @pytest.mark.parametrize("board", ["iwr1642", "iwr1843"])

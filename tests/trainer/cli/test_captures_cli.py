@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import status
+from command_line import ended
 from oracles import reference_file
 from raw_files import radar_of, scene, write_two_lanes
 
@@ -16,14 +16,12 @@ from trainer.captures.cube_file import read_cube
 from trainer.data.measurements import open_measurements
 
 
-def test_from_samples_to_an_image(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_from_samples_to_an_image(tmp_path: Path) -> None:
     """The echo that stands is found where it was put, on the right (0.26 left of 0, i.e. u = -0.256), after TDM."""
     radar = radar_of(tmp_path, "iwr1843", "tx = [1, 3]\n")
     write_two_lanes(tmp_path / "adc.bin", scene(radar, 2), radar)
     common = ("--board", "iwr1843", "--radar", tmp_path / "capture.toml")
-    code, said, _ = status(capsys, monkeypatch, "import", tmp_path / "adc.bin", *common, "--out", tmp_path / "cube.npz")
+    code, said, _ = ended("trainer", "import", tmp_path / "adc.bin", *common, "--out", tmp_path / "cube.npz")
     assert (code, said.splitlines()[0]) == (
         0, f"2 frames of 4 chirps x 32 samples x 8 channels (2 TX, 4 RX) in {tmp_path / 'cube.npz'}",
     )  # fmt: skip
@@ -34,9 +32,7 @@ def test_from_samples_to_an_image(
     assert found.grid.u[image.argmax()] == pytest.approx(-0.9 / np.hypot(3.4, 0.9), abs=0.06)
 
 
-def test_calibrate_then_import(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_calibrate_then_import(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 16-bit samples: what is left of another reflector is quantisation, and the cube has the model error."""
     monkeypatch.chdir(tmp_path)
     radar = radar_of(tmp_path, "iwr1642")
@@ -49,13 +45,11 @@ def test_calibrate_then_import(
     angle = np.rad2deg(np.arctan2(-0.8, 2.7))
     check = ("--check", "other.bin", "--check-range", np.hypot(2.7, 0.8), "--check-angle", angle)
     stands = ("--range", 2.5, "--angle", 0.0)
-    code, said, _ = status(
-        capsys, monkeypatch, "calibrate", "corner.bin", *common, *stands, *check, "--out", "calibration.toml"
-    )
+    code, said, _ = ended("trainer", "calibrate", "corner.bin", *common, *stands, *check, "--out", "calibration.toml")
     assert code == 0
     assert said.startswith("8 channels in calibration.toml: gain 1.")
     arguments = ("--calibration", "calibration.toml", "--out", "cube.npz")
-    code, said, _ = status(capsys, monkeypatch, "import", "other.bin", *common, *arguments)
+    code, said, _ = ended("trainer", "import", "other.bin", *common, *arguments)
     assert code == 0
     capture = read_cube(tmp_path / "cube.npz", None).capture
     assert capture is not None
@@ -76,14 +70,12 @@ chirps = 128
 """
 
 
-def test_a_public_capture_has_its_echoes_where_they_are_stated_to_be(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_public_capture_has_its_echoes_where_they_are_stated_to_be(tmp_path: Path) -> None:
     """OpenRadar's indoor capture: ranges to 0.1 m, velocities to half a Doppler cell, angles to 1 deg, uncalibrated."""
     source = reference_file("measured", "openradar", "doppler_example_1.npy")
     (tmp_path / "capture.toml").write_text(OPENRADAR, encoding="utf-8")
     options = ("--board", "iwr1642", "--radar", tmp_path / "capture.toml", "--out", tmp_path / "cube.npz")
-    code, said, _ = status(capsys, monkeypatch, "import", source, *options)
+    code, said, _ = ended("trainer", "import", source, *options)
     assert code == 0
     assert "axes of" in said
     assert "chirp (tx rx) sample" in said

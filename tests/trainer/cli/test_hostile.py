@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from command_line import status
+from command_line import ended
 from numpy_bytes import npz
 from small_evaluation import FULL, make_data, make_run
 from tiny_radar import RADAR, small_dataset
@@ -27,7 +27,7 @@ def data(tmp_path_factory) -> Path:
     return small_dataset(tmp_path_factory.mktemp("data") / "data")
 
 
-def test_a_run_that_is_nested_deeply_or_asks_for_much_is_one_line(tmp_path, capsys, monkeypatch, data):
+def test_a_run_that_is_nested_deeply_or_asks_for_much_is_one_line(tmp_path, data):
     run = make_run(tmp_path / "run", FULL, RADAR)
     document = json.loads((run / "run.json").read_text())
     for text, message in (
@@ -36,14 +36,14 @@ def test_a_run_that_is_nested_deeply_or_asks_for_much_is_one_line(tmp_path, caps
         (json.dumps(sealed(document | {"config": document["config"] | {"width": 10**9}})), "config.width = 1000000000"),
     ):
         (run / "run.json").write_text(text)
-        code, _, line = status(capsys, monkeypatch, "predict", run, data, "--out", tmp_path / "out")
+        code, _, line = ended("trainer", "predict", run, data, "--out", tmp_path / "out")
         assert (code, line.count("\n")) == (2, 1), line
         assert line.startswith(f"trainer: {run}/run.json: {message}"), line
 
 
-def test_a_manifest_that_is_nested_deeply_is_one_line(tmp_path, capsys, monkeypatch):
+def test_a_manifest_that_is_nested_deeply_is_one_line(tmp_path):
     (tmp_path / "manifest.json").write_text('{"a":' * 200_000)
-    code, _, line = status(capsys, monkeypatch, "fit", tmp_path, "--out", tmp_path / "out")
+    code, _, line = ended("trainer", "fit", tmp_path, "--out", tmp_path / "out")
     assert (code, line.count("\n")) == (2, 1)
     assert line.startswith(f"trainer: {tmp_path}/manifest.json: not readable as JSON")
 
@@ -58,9 +58,9 @@ class Trap:
         return open, (str(self.path), "w")
 
 
-def test_a_checkpoint_of_something_else_is_one_line_that_names_it(tmp_path, capsys, monkeypatch, data):
+def test_a_checkpoint_of_something_else_is_one_line_that_names_it(tmp_path, data):
     run = tmp_path / "run"
-    assert status(capsys, monkeypatch, "fit", data, "--out", run, *SIZE)[0] == 0
+    assert ended("trainer", "fit", data, "--out", run, *SIZE)[0] == 0
     path = run / "last.ckpt"
     whole = path.read_bytes()
     content = torch.load(path, weights_only=True)
@@ -81,12 +81,12 @@ def test_a_checkpoint_of_something_else_is_one_line_that_names_it(tmp_path, caps
         pieces[name] = buffer.getvalue()
     for name, damaged in pieces.items():
         path.write_bytes(damaged)
-        code, _, line = status(capsys, monkeypatch, "fit", data, "--out", run, *SIZE, "--resume")
+        code, _, line = ended("trainer", "fit", data, "--out", run, *SIZE, "--resume")
         assert (code, line.count("\n")) == (2, 1), (name, line)
         assert line.startswith(f"trainer: {path}: "), (name, line)
     assert not (tmp_path / "executed").exists()
     path.write_bytes(whole)
-    assert status(capsys, monkeypatch, "fit", data, "--out", run, *SIZE, "--resume")[0] == 0
+    assert ended("trainer", "fit", data, "--out", run, *SIZE, "--resume")[0] == 0
 
 
 @pytest.mark.slow

@@ -6,13 +6,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import psutil
 import pytest
-from command_line import status
+from command_line import ended
+from processes import have_ended, wait_for
 from small_evaluation import make_data
 from tiny_radar import small_dataset
 
@@ -20,14 +20,6 @@ from trainer.run.folder import JOB
 
 SIZE = ["--width", "4", "--rows", "16", "--validate-every", "4", "--array", "full", "--points", "0"]
 INTERRUPTED = "trainer: interrupted"
-
-
-def wait_for(condition: Callable[[], object], seconds: float = 120.0) -> None:
-    """Until the condition holds; fails after a time that no slow machine takes."""
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.05)
 
 
 @contextmanager
@@ -48,12 +40,8 @@ def descendants(process: subprocess.Popen[str]) -> list[psutil.Process]:
     return psutil.Process(process.pid).children(recursive=True)
 
 
-def ended(processes: list[psutil.Process]) -> bool:
-    return not any(found.is_running() and found.status() != psutil.STATUS_ZOMBIE for found in processes)
-
-
 @pytest.mark.slow
-def test_an_evaluation_that_is_killed(tmp_path, capsys, monkeypatch):
+def test_an_evaluation_that_is_killed(tmp_path):
     """By SIGTERM, by the death of a worker, by SIGKILL; beside it a second one is refused at once."""
     data, out = make_data(tmp_path / "data"), tmp_path / "out"
     chosen = ["--arrays", "full", "--methods", "das,omp", "--experiments", "resolution"]
@@ -61,36 +49,36 @@ def test_an_evaluation_that_is_killed(tmp_path, capsys, monkeypatch):
     many = [*arguments, "--trials", "4000", "--workers", "2"]
     with started(*many) as process:
         wait_for(lambda: (out / JOB / "workers").is_dir() and len(descendants(process)) > 2)
-        code, _, line = status(capsys, monkeypatch, *arguments, "--resume")
+        code, _, line = ended("trainer", *arguments, "--resume")
         assert (code, line.count("\n")) == (2, 1)
         assert line.startswith(f"trainer: --out: another process is at work in {out}; expected to wait")
         workers = descendants(process)
         process.send_signal(signal.SIGTERM)
         assert process.communicate(timeout=60)[1].startswith(INTERRUPTED)
         assert process.returncode == 130
-    wait_for(lambda: ended(workers))
+    wait_for(lambda: have_ended(workers))
     assert not (out / JOB).exists()
     with started(*many, "--resume") as process:
         wait_for(lambda: (out / JOB / "workers").is_dir() and len(descendants(process)) > 2)
         workers = descendants(process)
         process.kill()
         process.wait()
-    wait_for(lambda: ended(workers))
+    wait_for(lambda: have_ended(workers))
     (out / "figures").mkdir(exist_ok=True)
     (out / "figures/resolution.png.partial").write_bytes(b"half a picture")
-    code, _, line = status(capsys, monkeypatch, *arguments, "--trials", "2", "--workers", "1", "--resume")
+    code, _, line = ended("trainer", *arguments, "--trials", "2", "--workers", "1", "--resume")
     assert (code, line) == (0, "")
     assert not (out / JOB).exists()
     assert not list(out.rglob("*.partial"))
 
 
 @pytest.mark.slow
-def test_a_training_that_is_killed(tmp_path, capsys, monkeypatch):
+def test_a_training_that_is_killed(tmp_path):
     data, out = small_dataset(tmp_path / "data"), tmp_path / "run"
     arguments = ["fit", data, "--out", out, *SIZE, "--steps", "100000"]
     with started(*arguments, "--workers", "1") as process:
         wait_for((out / "last.ckpt").is_file)
-        code, _, line = status(capsys, monkeypatch, *arguments, "--resume")
+        code, _, line = ended("trainer", *arguments, "--resume")
         assert (code, line.count("\n")) == (2, 1)
         assert line.startswith(f"trainer: --out: another process is at work in {out}; expected to wait")
         readers = descendants(process)
@@ -99,7 +87,7 @@ def test_a_training_that_is_killed(tmp_path, capsys, monkeypatch):
         assert said.startswith(INTERRUPTED)
         assert said.count("\n") == 1
         assert process.returncode == 130
-    wait_for(lambda: ended(readers))
+    wait_for(lambda: have_ended(readers))
     assert not (out / JOB).exists()
     lines = (out / "metrics.csv").read_text().count("\n")
     with started(*arguments, "--workers", "1", "--resume") as process:
@@ -108,7 +96,7 @@ def test_a_training_that_is_killed(tmp_path, capsys, monkeypatch):
         assert readers
         process.kill()
         process.wait()
-    wait_for(lambda: ended(readers))
+    wait_for(lambda: have_ended(readers))
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])

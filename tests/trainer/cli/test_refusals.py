@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from captured_cubes import other_radar, write_capture
-from command_line import status
+from command_line import ended
 from numpy.typing import NDArray
 from numpy_bytes import npz, of_array
 from raw_files import CHIRPS
@@ -242,13 +242,12 @@ ROWS = [(command, line, source) for command, table in TABLES.items() for line, s
 
 @pytest.mark.parametrize(("command", "line", "source"), ROWS, ids=[f"{row[0]} {row[1]}" for row in ROWS])
 def test_what_is_refused(
-    places: dict[str, object], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
-    command: str, line: str, source: str,
-) -> None:  # fmt: skip
+    places: dict[str, object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str, line: str, source: str
+) -> None:
     monkeypatch.chdir(tmp_path)
     words = shlex.split(line.format(**places))
     out = [] if "--out" in words else ["--out", OUT.get(command, "out")]
-    code, _, said = status(capsys, monkeypatch, command, *words, *out)
+    code, _, said = ended("trainer", command, *words, *out)
     assert code == 2, said
     assert said.startswith(f"trainer: {source.format(**places)}"), said
     assert said.count("\n") == 1
@@ -293,15 +292,12 @@ CUBES = {
 
 
 @pytest.mark.parametrize("name", CUBES)
-def test_a_cube_that_is_none(
-    places: dict[str, object], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
-    name: str,
-) -> None:  # fmt: skip
+def test_a_cube_that_is_none(places: dict[str, object], tmp_path: Path, name: str) -> None:
     content, problem = CUBES[name]
     (tmp_path / name).write_bytes(content)
     beside = ["--radar", f"{places['here']}/radar.toml"] if name.endswith(".npy") else []
     command = ["predict", places["run"], tmp_path / name, "--out", tmp_path / "out", *beside]
-    code, _, said = status(capsys, monkeypatch, *command)
+    code, _, said = ended("trainer", *command)
     assert code == 2
     assert said.startswith(f"trainer: {tmp_path / name}: {problem}"), said
     assert said.count("\n") == 1

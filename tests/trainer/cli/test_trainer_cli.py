@@ -1,12 +1,10 @@
-"""The command line: exit status and one line; several processes train what one trains."""
+"""The command line: exit status and one line, and the commands one after the other."""
 
-import os
 import subprocess
 import sys
 
 import pytest
-import torch
-from command_line import status
+from command_line import ended
 from tiny_radar import small_dataset
 from tiny_run import make_run
 from typer.testing import CliRunner
@@ -27,12 +25,12 @@ SIZE = ["--width", "4", "--rows", "16", "--steps", "4", "--validate-every", "4",
         (KeyboardInterrupt(), 130, "trainer: interrupted; the same command with --resume goes on"),
     ],
 )  # fmt: skip
-def test_a_run_that_failed_is_one_line_and_status_1(capsys, monkeypatch, error, code, line):
+def test_a_run_that_failed_is_one_line_and_status_1(monkeypatch, error, code, line):
     def failing(**_):
         raise error
 
     monkeypatch.setattr(cli, "app", failing)
-    found, _, text = status(capsys, monkeypatch)
+    found, _, text = ended("trainer")
     assert found == code
     assert text.startswith(line)
     assert text.count("\n") == 1
@@ -49,27 +47,27 @@ def test_a_run_that_failed_is_one_line_and_status_1(capsys, monkeypatch, error, 
          "it has no --resume: run it again"),
     ],
 )  # fmt: skip
-def test_an_interrupted_command_says_how_to_go_on(capsys, monkeypatch, work, arguments, advice):
+def test_an_interrupted_command_says_how_to_go_on(monkeypatch, work, arguments, advice):
     """As typer hands it on, which swallows Ctrl-C of its own accord."""
 
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(work, interrupted)
-    code, _, text = status(capsys, monkeypatch, *arguments, "--out", "out.npz")
+    code, _, text = ended("trainer", *arguments, "--out", "out.npz")
     assert (code, text) == (130, f"trainer: interrupted; {advice}\n")
 
 
-def test_names_are_printed_as_they_are(capsys, monkeypatch):
+def test_names_are_printed_as_they_are(monkeypatch):
     """Rich would make a picture of :car:, and take [0] for markup."""
     monkeypatch.setattr("trainer.training.fit.fit", lambda out, announce, **_: announce(f"weights in {out}"))
-    code, said, _ = status(capsys, monkeypatch, "fit", "a:smile:b", "--out", "out/:car:/[0]")
+    code, said, _ = ended("trainer", "fit", "a:smile:b", "--out", "out/:car:/[0]")
     assert code == 0
     assert said.startswith("weights in out/:car:/[0]\nrun in out/:car:/[0]; curves: ")
     assert "trainer predict 'out/:car:/[0]' a:smile:b --out DIR" in said
 
 
-def test_what_an_interrupted_predict_advises_works(tmp_path, capsys, monkeypatch):
+def test_what_an_interrupted_predict_advises_works(tmp_path, monkeypatch):
     """The folder has a picture and no images.parquet, and is refused until it is emptied."""
     data, out = small_dataset(tmp_path / "data"), tmp_path / "images"
 
@@ -80,22 +78,22 @@ def test_what_an_interrupted_predict_advises_works(tmp_path, capsys, monkeypatch
     arguments = ("predict", data, "--method", "das", "--out", out)
     with monkeypatch.context() as patched:
         patched.setattr("trainer.run.pictures.save_picture", interrupted)
-        assert status(capsys, patched, *arguments)[0] == 130
+        assert ended("trainer", *arguments)[0] == 130
     (picture,) = out.iterdir()
-    assert "is not empty; expected an empty or new folder" in status(capsys, monkeypatch, *arguments)[2]
+    assert "is not empty; expected an empty or new folder" in ended("trainer", *arguments)[2]
     picture.unlink()
-    assert status(capsys, monkeypatch, *arguments)[0] == 0
+    assert ended("trainer", *arguments)[0] == 0
     assert (out / "images.parquet").is_file()
 
 
-def test_a_fit_from_none_is_one_that_does_not_say(tmp_path, capsys, monkeypatch):
+def test_a_fit_from_none_is_one_that_does_not_say(tmp_path, monkeypatch):
     """Also where a run folder has that name: ./none is it."""
     monkeypatch.chdir(tmp_path)
     data = small_dataset(tmp_path / "data")
     notes = []
     for out, begin in (("none", ()), ("second", ("--from", "none")), ("third", ("--from", "./none"))):
         arguments = ("fit", data, "--out", out, "--model", "spectral-unet", "--hidden", "16", *SIZE, *begin)
-        assert status(capsys, monkeypatch, *arguments)[0] == 0
+        assert ended("trainer", *arguments)[0] == 0
         notes.append((tmp_path / out / "run.json").read_bytes())
     assert notes[0] == notes[1]
     assert read_run(tmp_path / "second").start is None
@@ -129,31 +127,3 @@ def test_predict_imports_no_pandas(tmp_path):
     assert {"pyarrow", "torch", "matplotlib"} < imported
     assert "pandas" not in imported
     assert (tmp_path / "images" / "detections.csv").is_file()
-
-
-@pytest.mark.slow
-def test_two_processes_train_what_one_trains(tmp_path):
-    """Two processes with a batch of 2 each against one with a batch of 4: equal but for the order of sums.
-
-    Held to the relative norm over all weights, because Adam turns the rounding of a gradient near zero into a step
-    of that one weight. Measured: 3.5e-5; one process with a batch of 2, i.e. half of the data, differs by 1.6e-2.
-    """
-    data = small_dataset(tmp_path / "data")
-
-    def fit(name, devices, batch):
-        command = ["fit", data, "--out", tmp_path / name, *SIZE, "--devices", devices, "--batch", batch]
-        return [str(part) for part in command]
-
-    alone = CliRunner().invoke(app, fit("one", 1, 4), catch_exceptions=False)
-    assert alone.exit_code == 0, alone.output
-    done = subprocess.run(
-        [sys.executable, "-m", "trainer", *fit("two", 2, 2)], env={**os.environ, "OMP_NUM_THREADS": "1"},
-        capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    # The best weights may be the first; the last have seen all steps.
-    one, two = (torch.load(tmp_path / name / "last.ckpt", weights_only=True)["state_dict"] for name in ("one", "two"))
-    difference = torch.cat([(two[name] - one[name]).flatten() for name in one])
-    assert difference.norm() <= 1e-3 * torch.cat([weight.flatten() for weight in one.values()]).norm()
-    assert (tmp_path / "one/metrics.csv").read_text().count("\n") == 3
-    assert (tmp_path / "two/metrics.csv").read_text().count("\n") == 3

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from captured_cubes import noisy
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
@@ -36,8 +37,7 @@ def seen(
     unit, draw = place / np.linalg.norm(place, axis=1, keepdims=True), np.random.default_rng(seed)
     amplitude = amplitude_of(snr_db, radar) * np.exp(2j * np.pi * draw.random(len(u)))
     echo = if_signal(radar, place, unit * velocity[:, None], amplitude)
-    noise = draw.standard_normal((*echo.shape, 2)).view(complex)[..., 0] * np.sqrt(0.5 * radar.sample_noise_power_w)
-    cube = CubeFile((echo + noise).astype(np.complex64)[None], radar, None)
+    cube = CubeFile(noisy(echo, radar, draw)[None], radar, None)
     found = of_cube("cube", cube, 0, None, "peaks" if cells == "stored" else cells).cells
     found = replace(found, beside=None) if cells == "stored" else found
     array, power = line_array(radar), cell_noise_power(radar)

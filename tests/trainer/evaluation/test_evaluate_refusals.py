@@ -7,7 +7,8 @@ import shutil
 from dataclasses import replace
 
 import pytest
-from small_evaluation import RADAR, make_data, status
+from command_line import ended
+from small_evaluation import RADAR, make_data
 from tiny_radar import RADAR as SHORT_RADAR
 from tiny_radar import frame, write_dataset
 
@@ -32,7 +33,7 @@ def test_a_radar_that_does_not_see_so_far_leaves_experiments_out_and_says_so(tmp
 
 
 @pytest.mark.slow
-def test_names_in_the_data_are_text_wherever_they_are_shown(inputs, tmp_path, capsys, monkeypatch):
+def test_names_in_the_data_are_text_wherever_they_are_shown(inputs, tmp_path):
     """A scene named like markup, a formula, a command of the terminal; drawn in every figure that names a scene."""
     name = "<!--<script>$x^{$ \x1b[31m\u202e \u65e5\u672c"
     frames = [replace(frame(index, RADAR), kind="scene", scene=name) for index in range(4)]
@@ -42,7 +43,8 @@ def test_names_in_the_data_are_text_wherever_they_are_shown(inputs, tmp_path, ca
     out = tmp_path / "out"
     measured = shutil.copy(inputs[3], tmp_path / "$m{$.npy")
     arguments = [data, "--out", out, "--arrays", array, "--methods", "das", "--trials", "2", "--measured", measured]
-    assert status(capsys, monkeypatch, *arguments, "--workers", "1") == (0, "")
+    code, _, said = ended("trainer", "evaluate", *arguments, "--workers", "1")
+    assert (code, said) == (0, "")
     # One figure an experiment, and a second one of detection; of a street one an array.
     expected = {*NAMES, "detection-probability", "street-$a{$|"} - {"street"}
     assert {path.stem for path in (out / "figures").glob("*.png")} == expected

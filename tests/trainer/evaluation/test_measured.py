@@ -8,9 +8,10 @@ import pyarrow.parquet as pq
 import pytest
 import scipy.io
 from captured_cubes import other_radar, write_capture
+from command_line import ended
 from numpy.typing import NDArray
 from oracles import reference_file
-from small_evaluation import QUICK, status
+from small_evaluation import QUICK
 from tiny_radar import RADAR
 from tiny_run import make_run
 
@@ -78,10 +79,11 @@ def values(out):
     return {(row["method"], row["array"], row["metric"]): row["value"] for row in rows}
 
 
-def test_a_snapshot_needs_no_dataset(inputs, tmp_path, capsys, monkeypatch):
+def test_a_snapshot_needs_no_dataset(inputs, tmp_path):
     out = tmp_path / "out"
     given = ["--measured", inputs[3], "--targets", "2", "--methods", "das,likes,ml,line-fit", "--workers", "1"]
-    assert status(capsys, monkeypatch, *given, "--out", out) == (0, "")
+    code, _, said = ended("trainer", "evaluate", *given, "--out", out)
+    assert (code, said) == (0, "")
     found = values(out)
     for method in ("likes", "ml", "line-fit"):
         assert found[method, "all 40", "angle 1 [deg]"] == pytest.approx(-4.0, abs=0.15)

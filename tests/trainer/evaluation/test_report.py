@@ -20,7 +20,7 @@ from trainer.data.simulation import TrialCondition
 from trainer.evaluation.evaluate import SUMMARY_COLUMNS
 from trainer.evaluation.report.figures import Look, image_panels, image_sheet, legend_below, panels, save_figure
 from trainer.evaluation.report.page import ReportFigure, ReportFrame, report_page
-from trainer.evaluation.report.tables import MetricRow, metrics_table, summary, write_table
+from trainer.evaluation.report.tables import MetricRow, Numbers, metrics_table, summary, write_table
 
 SHAPE = (RADAR.waveform.range_bins, RADAR.grid.bins)
 NODE = shutil.which("node")
@@ -70,6 +70,11 @@ def test_the_page_loads_nothing(page):
     assert not re.search(r"<script[^>]+src", page)
 
 
+def test_intervals_are_not_said_to_be_all_of_one_kind(page):
+    """Those of shares are Wilson's."""
+    assert "Value with its 95 % interval." in page
+
+
 def test_no_text_of_the_data_is_taken_for_markup(page):
     # The page's own script, its data and one element a frame, and no mark of the template left or filled twice.
     assert page.count("</script>") == 4
@@ -100,6 +105,15 @@ def test_undefined_numbers_are_null_in_both_tables(tmp_path):
     lines = (tmp_path / "metrics.csv").read_text().splitlines()
     assert lines[2] == '"detection","iaa","full","precision","d_max=2 bins",,,,0,,'
     assert not list(tmp_path.glob("*.partial"))
+
+
+@pytest.mark.parametrize("kind", [bool, float])
+def test_a_mean_of_nothing_is_undefined(kind):
+    found = Numbers("detection", 0)
+    found.mean(("das", "full"), "share", {}, np.zeros(0, kind))
+    (row,) = found.rows
+    assert np.isnan([row.value, row.low, row.high]).all()
+    assert row.samples == 0
 
 
 @pytest.mark.skipif(NODE is None, reason="there is no node to parse the page's script")
@@ -156,16 +170,16 @@ def test_a_legend_of_many_long_names_stays_within_its_figure():
     assert len(legend.get_texts()) == 8
 
 
-def test_figures_are_the_same_bytes_twice(tmp_path):
-    def draw(folder):
-        folder.mkdir()
-        figure, axes = panels(1, 2, (3.0, 2.0), "title")
-        axes[0, 0].plot([0, 1], [1, 0])
-        save_figure(figure, folder, "it")
-        return [(folder / f"it.{kind}").read_bytes() for kind in ("png", "svg")]
+def test_a_figure_does_not_name_what_drew_it(tmp_path):
+    """That it is the same bytes twice stands in ``test_evaluate.py``."""
+    save_figure(panels(1, 2, (3.0, 2.0), "title")[0], tmp_path, "it")
+    assert b"matplotlib.org" not in (tmp_path / "it.png").read_bytes()
 
-    assert draw(tmp_path / "one") == draw(tmp_path / "two")
-    assert b"matplotlib.org" not in draw(tmp_path / "three")[0]
+
+@pytest.mark.parametrize("shown", [0, 1, 2, None])
+def test_as_many_panels_are_shown_as_asked(shown):
+    _, axes = panels(1, 2, (3.0, 2.0), "title", shown)
+    assert [axis.get_visible() for axis in axes[0]] == [shown is None or place < shown for place in range(2)]
 
 
 CLOSE, CLOSER = TrialCondition(1.0, 20.0).named, TrialCondition(0.5, 20.0).named

@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import torch
-from captured_cubes import OTHER, PLACES, other_radar, write_capture
+from captured_cubes import OTHER, PLACES, other_radar, write_capture, write_plain_cube
 from tiny_radar import RADAR, frame
 from tiny_run import make_run
 
@@ -131,9 +131,8 @@ def test_the_model_error_of_a_cube_is_the_capture_s(tmp_path):
         path = write_capture(tmp_path / "cube.npz", radar, model_error_db=error)
         (measurement,) = open_measurements(path, None, "test")[1]
         assert measurement.model_error_db == expected
-    cube = np.zeros((8, 64, 8), np.complex64)
-    np.savez(tmp_path / "plain.npz", cube=cube, radar=radar.model_dump_json())
-    (measurement,) = open_measurements(tmp_path / "plain.npz", None, "test")[1]
+    plain = write_plain_cube(tmp_path / "plain.npz", np.zeros((8, 64, 8), np.complex64), radar)
+    (measurement,) = open_measurements(plain, None, "test")[1]
     assert measurement.model_error_db == NO_MODEL_ERROR_DB
     assert measurement.noise_power == cell_noise_power(radar)
 

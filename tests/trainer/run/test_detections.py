@@ -5,10 +5,13 @@ from __future__ import annotations
 import csv
 import json
 import math
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from captured_cubes import noisy, write_plain_cube
 from numpy.typing import NDArray
 from paper_arrays import ARRAYS, RADAR, U
 from tiny_radar import small_dataset
@@ -294,28 +297,30 @@ def test_a_point_cloud_says_what_it_holds(tmp_path) -> None:
     assert len(lines) == 13
 
 
-def test_predict_writes_the_list_beside_the_image(tmp_path) -> None:
-    data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run", detection=0.0)
-    predict([run, data], tmp_path / "out", split="test", pictures=False, points=True)
-    table = pq.read_table(tmp_path / "out/images.parquet")
-    (found,) = table["detections"].to_pylist()
+def listed(source: Any, out: Path, **options: Any) -> list[dict[str, Any]]:
+    """What predict lists of the only frame."""
+    predict(source, out, pictures=False, points=True, **options)
+    (found,) = pq.read_table(out / "images.parquet")["detections"].to_pylist()
+    return found
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"detection": 0.0}, {}, {"model": "spectral-unet", "target": "class"}],
+    ids=["of the image", "of a detection head", "of a network of probabilities"],
+)
+def test_predict_writes_the_list_beside_the_image(tmp_path, changes: dict[str, Any]) -> None:
+    data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run", **changes)
+    found = listed([run, data], tmp_path / "out", split="test")
     assert len(found) >= 6  # one or two targets in every third of 24 range bins, far above the noise
     assert list(found[0]) == list(UNITS)
-    assert json.loads(table.schema.metadata[b"sparseradar"])["points"] == {"cells": "peaks", "false_alarms": 1.0}
+    description = json.loads(pq.read_schema(tmp_path / "out/images.parquet").metadata[b"sparseradar"])
+    assert description["points"] == {"cells": "peaks", "false_alarms": 1.0}
     assert [row["amplitude_db"] for row in found] == sorted((row["amplitude_db"] for row in found), reverse=True)
     assert all(0.0 < row["probability"] < 1.0 for row in found)
-    assert json.loads(table.schema.metadata[b"sparseradar"])["units"]["detections"] == UNITS
+    assert description["units"]["detections"] == UNITS
     predict([run, data], tmp_path / "plain", split="test", pictures=False)
     assert pq.read_schema(tmp_path / "plain/images.parquet").names == ["frame_id", "image", "velocity"]
-
-
-@pytest.mark.parametrize("changes", [{}, {"model": "spectral-unet", "target": "class"}])
-def test_a_detection_head_and_a_network_of_probabilities_give_the_probability(tmp_path, changes: dict) -> None:
-    data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run", **changes)
-    predict([run, data], tmp_path / "out", split="test", pictures=False, points=True)
-    (found,) = pq.read_table(tmp_path / "out/images.parquet")["detections"].to_pylist()
-    assert len(found) >= 6
-    assert all(0.0 < row["probability"] < 1.0 for row in found)
 
 
 @pytest.mark.parametrize(("form", "files"), [("csv", ["detections.csv"]), ("pcd", ["frame-000200.pcd"])])
@@ -335,21 +340,17 @@ def test_all_cells_of_a_cube_list_what_the_three_peaks_leave_out(tmp_path) -> No
     place = in_plane(np.full(12, 60.0 * waveform.range_step_m), u)
     velocity = place / np.linalg.norm(place, axis=1, keepdims=True) * waveform.velocities_mps[cells][:, None]
     amplitude = np.full(12, amplitude_of(25.0, radar), complex)
-    draw = np.random.default_rng(0)
-    echo = if_signal(radar, place, velocity, amplitude)
-    noise = draw.standard_normal((*echo.shape, 2)).view(complex)[..., 0] * np.sqrt(0.5 * radar.sample_noise_power_w)
-    np.savez(tmp_path / "cube.npz", cube=(echo + noise).astype(np.complex64), radar=radar.model_dump_json())
-    listed = {}
+    cube = noisy(if_signal(radar, place, velocity, amplitude), radar, np.random.default_rng(0))
+    path = write_plain_cube(tmp_path / "cube.npz", cube, radar)
+    seen = {}
     for which in ("peaks", "all"):
-        out = tmp_path / which
-        predict(tmp_path / "cube.npz", out, method="das", pictures=False, points=True, cells=which)
-        (found,) = pq.read_table(out / "images.parquet")["detections"].to_pylist()
-        listed[which] = [
+        found = listed(path, tmp_path / which, method="das", cells=which)
+        seen[which] = [
             any(row["doppler_cell"] == cell and abs(row["u"] - angle) < 0.01 for row in found)
             for cell, angle in zip(cells, u, strict=True)
         ]
-    assert sum(listed["peaks"]) <= 9  # three in each of the three range bins that see them
-    assert all(listed["all"])
+    assert sum(seen["peaks"]) <= 9  # three in each of the three range bins that see them
+    assert all(seen["all"])
     assert len(found) <= 14
 
 
@@ -364,11 +365,9 @@ def test_an_echo_that_migrates_through_range_bins_is_one_line(tmp_path, speed: f
     velocity = place / np.linalg.norm(place, axis=1, keepdims=True) * rate[:, None]
     start = place - 0.5 * waveform.chirps * waveform.chirp_interval_s * velocity
     echo = if_signal(radar, start, velocity, np.full(6, amplitude_of(40.0, radar), complex))
-    noise = draw.standard_normal((*echo.shape, 2)).view(complex)[..., 0] * np.sqrt(0.5 * radar.sample_noise_power_w)
-    np.savez(tmp_path / "cube.npz", cube=(echo + noise).astype(np.complex64), radar=radar.model_dump_json())
+    path = write_plain_cube(tmp_path / "cube.npz", noisy(echo, radar, draw), radar)
     for which in ("peaks", "all"):
-        predict(tmp_path / "cube.npz", tmp_path / which, method="das", pictures=False, points=True, cells=which)
-        (found,) = pq.read_table(tmp_path / which / "images.parquet")["detections"].to_pylist()
+        found = listed(path, tmp_path / which, method="das", cells=which)
         strong = sorted((row for row in found if row["snr_db"] > 20.0), key=lambda row: row["range"])
         np.testing.assert_allclose([row["range"] for row in strong], bins * waveform.range_step_m, atol=0.02)
         np.testing.assert_allclose([row["u"] for row in strong], u, atol=2e-3)
@@ -377,17 +376,15 @@ def test_an_echo_that_migrates_through_range_bins_is_one_line(tmp_path, speed: f
 @pytest.mark.parametrize("speed", [8.4, 13.9])
 def test_an_echo_that_migrates_is_one_line_where_coinciding_elements_tell_its_interval(tmp_path, speed: float) -> None:
     """Its Doppler cell counts the intervals: taken for a folded one it would migrate by less than nothing."""
-    radar, draw = load_radar("mmwcas-azimuth"), np.random.default_rng(1)
+    radar = load_radar("mmwcas-azimuth")
     short = {name: getattr(radar.waveform, name) / 4.0 for name in ("chirp_duration_s", "bandwidth_hz")}
     waveform = radar.waveform.model_copy(update={"samples": 64, "range_bins": 64, **short})
     radar = radar.model_copy(update={"waveform": waveform})
     start = np.array([[15.2 * np.sqrt(1.0 - 0.2**2), 15.2 * 0.2, 0.0]])
     velocity = speed * start / np.linalg.norm(start)
     echo = if_signal(radar, start, velocity, np.full(1, amplitude_of(30.0, radar), complex))
-    noise = draw.standard_normal((*echo.shape, 2)) @ [1.0, 1.0j] * np.sqrt(0.5 * radar.sample_noise_power_w)
-    np.savez(tmp_path / "cube.npz", cube=(echo + noise).astype(np.complex64), radar=radar.model_dump_json())
-    predict(tmp_path / "cube.npz", tmp_path / "out", method="das", pictures=False, points=True, cells="all")
-    (found,) = pq.read_table(tmp_path / "out/images.parquet")["detections"].to_pylist()
+    path = write_plain_cube(tmp_path / "cube.npz", noisy(echo, radar, np.random.default_rng(1)), radar)
+    found = listed(path, tmp_path / "out", method="das", cells="all")
     strong = [row for row in found if row["snr_db"] > 30.0]
     assert len(strong) == 1
     assert strong[0]["velocity"] == pytest.approx(speed, abs=0.005)  # each of two was off by 0.03

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from captured_cubes import noisy
 from numpy.typing import NDArray
+from oracles import receiver_noise
 from paper_arrays import ARRAYS, half_wavelength_line
 from scipy.ndimage import maximum_filter
 from scipy.special import gammaincc, gammainccinv
@@ -166,9 +168,7 @@ def test_intervals_among_which_a_cell_chooses_are_counted(name: str) -> None:
     predictor = Predictor.load("das", radar, PointsRequest(false_alarms=3.0), velocity=(0.0, 0.0))
     listed = 0
     for _ in range(frames):
-        parts = draw.standard_normal((32, 64, radar.array.channels, 2), dtype=np.float32)
-        cube = parts @ np.array([1.0, 1.0j]) * np.sqrt(0.5 * radar.sample_noise_power_w)
-        points = predictor.cube(cube).points
+        points = predictor.cube(receiver_noise(radar, draw)).points
         listed += 0 if points is None else len(points)
     assert 1.8 < listed / frames < 4.2  # a standard error of 0.5; 6 and more before
 
@@ -192,7 +192,7 @@ def test_of_noise_an_array_that_tells_no_angle_lists_about_what_is_asked_for(
     array = AntennaArray(tx_m=(here,), rx_m=tuple((0.0, left_m, 2e-3 * place) for place in range(rx)))
     radar = Radar(waveform=waveform, array=array)
     draw, frames = np.random.default_rng(2), 30
-    white = draw.standard_normal((frames, chirps, 128, rx, 2)) @ [1.0, 1j] * np.sqrt(0.5 * radar.sample_noise_power_w)
+    white = noisy(np.zeros((frames, chirps, 128, rx), complex), radar, draw)
     for asked in (0.1, 3.0):
         predictor = Predictor.load("das", radar, PointsRequest(false_alarms=asked), velocity=(0.0, 0.0))
         found = [points for cube in white if (points := predictor.cube(cube).points) is not None]

@@ -12,6 +12,7 @@ import onnxruntime
 import pyarrow.parquet as pq
 import pytest
 import torch
+from captured_cubes import noisy, write_plain_cube
 from PIL import Image, ImageSequence
 from tiny_radar import NOISE_POWER, RADAR, frame, small_dataset, tiny, write_dataset
 from tiny_run import make_run, run_of
@@ -80,7 +81,7 @@ def cube_of_one_target():
 
 def test_a_cube_is_imaged_and_its_target_is_where_it_was_put(tmp_path):
     cube = cube_of_one_target()
-    np.savez(tmp_path / "cube.npz", cube=cube, radar=RADAR.model_dump_json())
+    write_plain_cube(tmp_path / "cube.npz", cube, RADAR)
     found, measurements = open_measurements(tmp_path / "cube.npz", None, "test")
     assert found == RADAR
     (measurement,) = measurements
@@ -102,7 +103,7 @@ def test_of_tx_in_turns_it_is_said_what_is_known_of_velocities(tmp_path):
     velocity = -0.6 * waveform.velocity_span_mps  # of which a Doppler cell says 0.4
     place = np.array([[2.0, 0.4, 0.0]])
     cube = if_signal(radar, place, velocity * place / np.linalg.norm(place), np.array([1e-6 + 0j]))
-    np.savez(tmp_path / "cube.npz", cube=cube.astype(np.complex64), radar=radar.model_dump_json())
+    write_plain_cube(tmp_path / "cube.npz", cube, radar)
     said: list[str] = []
     run = run_of(tmp_path / "run", radar, tiny())
     assert predict([run, tmp_path / "cube.npz"], tmp_path / "out", pictures=False, announce=said.append) == 1
@@ -287,7 +288,7 @@ def test_lines_that_do_not_fit_the_static_world_are_marked(tmp_path, speed):
 
 
 def test_the_command_goes_before_the_file_and_the_file_before_the_frame(tmp_path):
-    np.savez(tmp_path / "cube.npz", cube=cube_of_one_target(), radar=RADAR.model_dump_json())
+    write_plain_cube(tmp_path / "cube.npz", cube_of_one_target(), RADAR)
     said: list[str] = []
 
     def motion(**changes):
@@ -322,14 +323,9 @@ def test_the_command_goes_before_the_file_and_the_file_before_the_frame(tmp_path
 def test_cubes_one_by_one_give_what_the_command_gives(tmp_path, model: str) -> None:
     radar = Radar()
     radar = radar.model_copy(update={"waveform": radar.waveform.model_copy(update={"chirps": 4})})
-    place, at_rest = np.array([[20.0, 3.0, 0.0]]), np.zeros((1, 3))
-    draw = np.random.default_rng(2)
-    cubes = []
-    for _ in range(2):
-        echo = if_signal(radar, place, at_rest, np.array([1e-6 + 0j]))
-        noise = draw.standard_normal((*echo.shape, 2)) @ [1.0, 1j] * np.sqrt(0.5 * radar.sample_noise_power_w)
-        cubes.append((echo + noise).astype(np.complex64))
-    np.savez(tmp_path / "cube.npz", cube=np.stack(cubes), radar=radar.model_dump_json())
+    echo = if_signal(radar, np.array([[20.0, 3.0, 0.0]]), np.zeros((1, 3)), np.array([1e-6 + 0j]))
+    cubes = noisy(np.stack([echo, echo]), radar, np.random.default_rng(2))
+    write_plain_cube(tmp_path / "cube.npz", cubes, radar)
     method, pretrained = (model, None) if model == "das" else (None, model)
     predict(
         tmp_path / "cube.npz", tmp_path / "out", method=method, pretrained=pretrained, pictures=False, points=True

@@ -16,7 +16,7 @@ from trainer.training.task import ImagingTask
 
 @pytest.mark.parametrize("imperfections", [None, CALIBRATED])
 def test_a_killed_run_resumed_ends_in_the_same_weights(dataset, tmp_path, monkeypatch, imperfections):
-    changes = {"steps": 6, "augment": True, "points": 1, "accumulate": 2, "imperfections": imperfections}
+    changes = {"steps": 6, "augment": True, "rows": 16, "points": 1, "accumulate": 2, "imperfections": imperfections}
     config = TINY.model_copy(update=changes)
     run(dataset, tmp_path / "whole", config)
     original = ImagingTask.training_step

@@ -6,19 +6,20 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import psutil
 import pytest
 import torch
+from command_line import ended
+from processes import wait_for
 from tiny_radar import small_dataset
 
 from shared.physics.errors import InputError
 from trainer.run.folder import CHECKPOINT, METRICS
 from trainer.training.processes import launched
 
-SIZE = ["--width", "4", "--rows", "16", "--batch", "2", "--array", "full", "--devices", "2"]
+SIZE = ("--width", "4", "--rows", "16", "--array", "full")
 STEPS, EVERY = 60, 5
 LONGEST_S = 120.0
 """Until the first checkpoint, or from the signal to the end."""
@@ -28,7 +29,7 @@ GONE = "trainer: --devices: a training process ended by {}; expected 2 that go o
 
 def fit(folder: Path, *more: str) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "trainer", "fit", str(folder / "data"), "--out", str(folder / "run"), *SIZE]
-    command += ["--steps", str(STEPS), "--validate-every", str(EVERY), *more]
+    command += ["--batch", "2", "--devices", "2", "--steps", str(STEPS), "--validate-every", str(EVERY), *more]
     return subprocess.Popen(
         command, env={**os.environ, "OMP_NUM_THREADS": "1"}, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
         text=True, start_new_session=True,
@@ -52,11 +53,7 @@ def test_one_of_two_processes_is_ended(
     by the signal that it is told how to answer."""
     small_dataset(tmp_path / "data")
     process = fit(tmp_path)
-    end = time.monotonic() + LONGEST_S
-    while not (tmp_path / "run" / CHECKPOINT).is_file():
-        assert time.monotonic() < end
-        assert process.poll() is None
-        time.sleep(0.02)
+    wait_for((tmp_path / "run" / CHECKPOINT).is_file, LONGEST_S, process)
     family = [psutil.Process(process.pid), *psutil.Process(process.pid).children(recursive=True)]
     assert len(family) == 2
     for one in {"first": family[:1], "second": family[1:], "group": family}[whom]:
@@ -75,60 +72,36 @@ def test_one_of_two_processes_is_ended(
         assert (tmp_path / "run" / METRICS).read_text().count("\n") == 2 + STEPS // EVERY
 
 
-WATCHED = """
-import sys
-from pathlib import Path
-
-import torch
-from trainer.cli.app import app
-from trainer.training import fit
-
-folder = Path(sys.argv.pop(1))
-
-
-class Watched(fit.ImagingTask):
-    def on_fit_start(self):
-        self.seen = []
-
-    def training_step(self, batch, index):
-        self.seen.append(batch["image"])
-        return super().training_step(batch, index)
-
-    def on_train_end(self):
-        torch.save((self.seen, self.state_dict()), folder / f"rank-{self.global_rank}.pt")
-
-
-fit.ImagingTask = Watched
-app()
-"""
-TORCH_STEPS, BATCH, FRAMES = 8, 2, 8
-"""Two epochs: each step takes two frames in each of two processes."""
+TORCHRUN = ("-m", "torch.distributed.run", "--standalone", "--nproc-per-node", 2)
 
 
 @pytest.mark.slow
-def test_two_processes_of_torchrun_train_one_network(tmp_path: Path) -> None:
-    """Without a word about devices: torchrun has said how many there are."""
-    data, script, out = small_dataset(tmp_path / "data"), tmp_path / "watched.py", tmp_path / "run"
-    script.write_text(WATCHED, encoding="utf-8")
-    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", script, tmp_path]
-    command += ["fit", data, "--out", out, "--width", "4", "--rows", "16", "--array", "full"]
-    command += ["--batch", BATCH, "--steps", TORCH_STEPS, "--validate-every", TORCH_STEPS // 2, "--accumulate", 1]
+@pytest.mark.parametrize(("launcher", "more"), [((), ("--devices", 2)), (TORCHRUN, ())], ids=["devices", "torchrun"])
+def test_two_processes_train_what_one_trains(
+    tmp_path: Path, launcher: tuple[object, ...], more: tuple[object, ...]
+) -> None:
+    """Two processes with a batch of 2 each against one with a batch of 4: equal but for the order of sums. Without a
+    word about devices where torchrun has said how many there are.
+
+    Held to the relative norm over all weights, because Adam turns the rounding of a gradient near zero into a step
+    of that one weight. Measured: 3.5e-5; one process with a batch of 2, i.e. half of the data, differs by 1.6e-2.
+    Processes whose weights drift apart, or that see the same frames, do not give what one gives.
+    """
+    arguments = ("fit", small_dataset(tmp_path / "data"), *SIZE, "--steps", 4, "--validate-every", 4)
+    code, _, line = ended("trainer", *arguments, "--batch", 4, "--out", tmp_path / "one")
+    assert code == 0, line
+    command = (sys.executable, *launcher, "-m", "trainer", *arguments, "--batch", 2, "--out", tmp_path / "two", *more)
     done = subprocess.run(
         [str(part) for part in command], env={**os.environ, "OMP_NUM_THREADS": "1"}, capture_output=True, text=True,
         timeout=300, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    (first, weights), (second, others) = (
-        torch.load(tmp_path / f"rank-{rank}.pt", weights_only=True) for rank in (0, 1)
-    )
-    assert weights.keys() == others.keys()
-    assert all(torch.equal(weights[name], others[name]) for name in weights)
-    # An epoch shows every frame once, half of them to each process.
-    assert len(first) == len(second) == TORCH_STEPS
-    epoch = torch.cat([*first[: FRAMES // (2 * BATCH)], *second[: FRAMES // (2 * BATCH)]]).flatten(1)
-    assert len(torch.unique(epoch, dim=0)) == FRAMES
+    # The best weights may be the first; the last have seen all steps.
+    one, two = (torch.load(tmp_path / name / CHECKPOINT, weights_only=True)["state_dict"] for name in ("one", "two"))
+    difference = torch.cat([(two[name] - one[name]).flatten() for name in one])
+    assert difference.norm() <= 1e-3 * torch.cat([weight.flatten() for weight in one.values()]).norm()
     # A heading, and the validation before the first step.
-    assert (out / METRICS).read_text(encoding="utf-8").count("\n") == 4
+    assert [(tmp_path / name / METRICS).read_text().count("\n") for name in ("one", "two")] == [3, 3]
     assert done.stdout.count("step 4 ") == done.stdout.count("run in ") == 1
 
 

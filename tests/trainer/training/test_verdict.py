@@ -233,7 +233,7 @@ def test_random_weights_are_scored_as_they_were_before_the_first_step(tmp_path):
 
 def test_a_run_that_no_step_improved_says_so(tmp_path):
     data, run = strong_dataset(tmp_path / "data", tested=6), make_run(tmp_path / "run")
-    assert "no step improved" not in verdict_of(run, [data]).sentence()
+    assert "no step had a lower validation loss" not in verdict_of(run, [data]).sentence()
     (run / METRICS).write_text("step,validation_loss,validation_gain\n0,0.2,\n2,0.3,\n4,0.2,\n")
     said = (
         "Training did not help: no step had a lower validation loss than the weights before training, which are kept."

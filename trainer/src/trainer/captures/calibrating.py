@@ -32,7 +32,7 @@ from scipy.optimize import minimize_scalar
 
 from shared.dataset.writing import require_new_file
 from shared.physics.errors import InputError
-from shared.physics.units import amplitude_to_db, power_to_db
+from shared.physics.units import amplitude_to_db, db_to_power, power_to_db
 from shared.processes.declared import taking
 from shared.radar import Radar
 from shared.signal.signal import if_signal_of_delays, round_trip_delays
@@ -139,7 +139,7 @@ def calibrate(asked: CalibrateOptions) -> Calibration:
         left = [residual(*one) for one in tried]
         for (_, place, _), one in zip(tried, left, strict=True):
             lines += _told(place, one)
-        mean = float(power_to_db(np.mean(10.0 ** (np.array([one.best_db for one in left]) / 10.0))))
+        mean = float(power_to_db(np.mean(db_to_power([one.best_db for one in left]))))
         calibration = calibration.model_copy(update={"model_error_db": mean})
     else:
         lines.append("what another reflector leaves is not known: --check CAPTURE --check-range R --check-angle A")

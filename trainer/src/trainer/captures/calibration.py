@@ -128,12 +128,13 @@ def to_toml(document: Mapping[str, Any]) -> str:
 
 
 def _value(value: Any) -> str:
-    """Numbers, strings and lists of them are written alike in JSON and TOML; tables are not, on their own or listed."""
+    """Numbers, strings and lists of them are written alike in JSON and TOML, but for U+007F, which TOML wants escaped;
+    tables are not, on their own or listed."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{name} = {_value(inner)}" for name, inner in value.items()) + "}"
     if isinstance(value, list):
         return "[" + ", ".join(_value(inner) for inner in value) + "]"
-    return json.dumps(value, ensure_ascii=False)
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def read_calibration(path: Path) -> Calibration:

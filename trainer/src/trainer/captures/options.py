@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from shared.physics.errors import InputError
 from shared.processes.declared import Option, Options, either
@@ -11,6 +11,7 @@ from shared.processes.defaults import BOARD_NAMES
 from shared.processes.telling import AnnouncingOptions
 
 Order = Literal["iq", "qi"]
+LAYOUTS = ("2-lane", "4-lane", "cascade")
 
 
 def _frames(text: str) -> tuple[int, int]:
@@ -24,7 +25,7 @@ def _frames(text: str) -> tuple[int, int]:
 # Not formatted: an option is read as a whole, in two or three lines.
 # fmt: off
 class BoardOptions(Options):
-    board: Annotated[str, Option(f"{either(BOARD_NAMES)}.")] = field(kw_only=False)
+    board: Annotated[str, Option(f"{either(BOARD_NAMES)}.", choices=BOARD_NAMES)] = field(kw_only=False)
 
 
 class Reading(BoardOptions):
@@ -36,16 +37,11 @@ class Reading(BoardOptions):
     axes: Annotated[str | None, Option("Of an array, e.g. 'chirp (tx rx) sample'; guessed by its lengths.")] = None
     variable: Annotated[str | None, Option("Of several arrays in a file: its name.")] = None
     layout: Annotated[str | None, Option(
-        "Of a .bin: 2-lane, 4-lane or cascade; the board's by default.")] = None
-    order: Annotated[Order, Option("iq, or qi where Q comes first.", typed=str)] = "iq"
+        f"Of a .bin: {either(LAYOUTS)}; the board's by default.", choices=LAYOUTS)] = None
+    order: Annotated[Order, Option("iq, or qi where Q comes first.", typed=str, choices=get_args(Order))] = "iq"
     frames: Annotated[tuple[int, int] | None, Option(
         "BEGIN:END, from the first to before the second; all by default.", typed=str, read=_frames)] = None
     mirror: Annotated[bool, Option("Exchange left and right of the board.")] = False
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.order not in ("iq", "qi"):
-            raise InputError("--order", f"{self.order!r}", "iq or qi")
 
 
 class CubeOptions(AnnouncingOptions, BoardOptions):

@@ -11,7 +11,7 @@ exp(j k (1 - u^2) q_c / R), q_c = (y_tx^2 + y_rx^2) / 2 (Fresnel), which the fit
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -197,16 +197,24 @@ def image_rows(
     check_snapshots(snapshots, array)
     noise = row_powers(noise_power, len(snapshots))
     image = np.zeros((len(snapshots), bins))
+    for block, x, scale in scaled_blocks(snapshots):
+        # The quotient comes before the square: the square of 1e-200 would be zero.
+        relative = np.minimum(np.sqrt(noise[block]) / scale[:, 0], LARGEST_RELATIVE_NOISE) ** 2
+        told = () if known is None else (known[block],)
+        image[block] = scale * solve(x, relative, *told)
+    return image
+
+
+def scaled_blocks(
+    snapshots: NDArray[np.complexfloating],
+) -> Iterator[tuple[NDArray[np.intp], NDArray[np.complex128], NDArray[np.float64]]]:
+    """(Places [B], rows of largest element 1 [B, C], their scale [B, 1]) of snapshots [R, C] that are not zero."""
     rows = np.asarray(snapshots, dtype=np.complex128)
-    scale = np.abs(rows).max(axis=1)
+    scale = np.abs(rows).max(axis=1, keepdims=True)
     present = np.flatnonzero(scale > 0.0)
     for start in range(0, len(present), ROWS_AT_ONCE):
         block = present[start : start + ROWS_AT_ONCE]
-        # The quotient comes before the square: the square of 1e-200 would be zero.
-        relative = np.minimum(np.sqrt(noise[block]) / scale[block], LARGEST_RELATIVE_NOISE) ** 2
-        told = () if known is None else (known[block],)
-        image[block] = scale[block, None] * solve(rows[block] / scale[block, None], relative, *told)
-    return image
+        yield block, rows[block] / scale[block], scale[block]
 
 
 def row_powers(noise_power: NoisePower, rows: int) -> NDArray[np.float64]:

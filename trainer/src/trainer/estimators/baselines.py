@@ -76,17 +76,16 @@ class Music:
 
         :raises InputError: smoothing on an array that is not a uniform line
         """
-        places = channels_by_position(array) if self.smoothing == "forward-backward" else np.arange(array.channels)
-        elements = array.channels
-        if self.smoothing == "forward-backward":
+        places = channels_by_position(array) if self.smoothing == "forward-backward" else None
+        positions, elements = array.positions_m, array.channels
+        if places is not None:
+            positions = positions[places]
             elements = min(max(round(SUBARRAY_SHARE * array.channels), 2), array.channels)
-        part = LineArray(array.positions_m[places][:elements], array.wavelength_m)
+        part = LineArray(positions[:elements], array.wavelength_m)
         manifold, conjugate = part.manifold(u), array.manifold(u).conj()
 
         def solve(x: NDArray[np.complex128], _: NDArray[np.float64]) -> NDArray[np.float64]:
-            data = x[:, places, None]
-            if self.smoothing == "forward-backward":
-                data = forward_backward(data[..., 0], elements)
+            data = x[..., None] if places is None else forward_backward(x[:, places], elements)
             spectrum = pseudo_spectrum(data, manifold, self.targets)
             peak = np.abs(x @ conjugate).max(axis=1) / array.channels
             top = spectrum.max(axis=1, keepdims=True)

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
 from trainer.estimators.array import (
-    ROWS_AT_ONCE,
     LineArray,
     NoisePower,
     check_snapshots,
     draw_lines,
     row_powers,
+    scaled_blocks,
     uniform_axis,
 )
 from trainer.estimators.lines import (
@@ -90,14 +90,9 @@ class MaximumLikelihood:
         check_snapshots(snapshots, array)
         found = np.zeros((len(snapshots), self.targets))
         amplitude = np.zeros(found.shape, dtype=np.complex128)
-        rows = np.asarray(snapshots, dtype=np.complex128)
-        scale = np.abs(rows).max(axis=1)
-        present = np.flatnonzero(scale > 0.0)
-        for start in range(0, len(present), ROWS_AT_ONCE):
-            block = present[start : start + ROWS_AT_ONCE]
-            x = rows[block] / scale[block, None]
+        for block, x, scale in scaled_blocks(snapshots):
             found[block] = np.sort(_search(x, array, self.targets), axis=1)
-            amplitude[block] = scale[block, None] * bounded_amplitudes(x, found[block], array)[0]
+            amplitude[block] = scale * bounded_amplitudes(x, found[block], array)[0]
         return found, amplitude
 
 

@@ -160,9 +160,7 @@ class Start(BaseModel, frozen=True, extra="forbid"):
     @classmethod
     def of(cls, directory: Path) -> Start:
         """:raises InputError: no weights there, or no run"""
-        path = directory / WEIGHTS
-        if not path.is_file():
-            raise InputError(path, "no such file", "the weights of a run that has validated at least once")
+        path = _weights(directory)
         return cls(name=directory.resolve().name, sha256=sha256_of(path), trained_on=read_run(directory).trained_on)
 
 
@@ -270,6 +268,13 @@ def _digest(tensors: Mapping[str, torch.Tensor], gain: str) -> str:
     return digest.hexdigest()
 
 
+def _weights(directory: Path) -> Path:
+    path = directory / WEIGHTS
+    if not path.is_file():
+        raise InputError(path, "no such file", "the weights of a run that has validated at least once")
+    return path
+
+
 def load_imager(directory: Path | str) -> tuple[Run, Imager]:
     """The run of a folder of ``trainer fit``, and its imager in evaluation mode, on the CPU.
 
@@ -282,9 +287,7 @@ def load_imager(directory: Path | str) -> tuple[Run, Imager]:
     :raises InputError: no run, weights that are missing, cut short, not finite or of another network
     """
     directory = Path(directory)
-    run, path = read_run(directory), directory / WEIGHTS
-    if not path.is_file():
-        raise InputError(path, "no such file", "the weights of a run that has validated at least once")
+    run, path = read_run(directory), _weights(directory)
     imager = Imager(run.config, run.radar, run.array)
     try:
         with safe_open(path, framework="pt") as file:

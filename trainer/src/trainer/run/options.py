@@ -43,7 +43,8 @@ class ImageOptions(Options):
     pictures: Annotated[bool, Option("A PNG for each frame.", "With DaS beside it.")] = True
     points: Annotated[bool, Option("Also the targets as a list: a column 'detections', the strongest first.")] = False
     points_format: Annotated[str, Option(
-        "Of the list: parquet, the column alone; csv or pcd, files for other tools as well.")] = FORMATS[0]
+        "Of the list: parquet, the column alone; csv or pcd, files for other tools as well.",
+        choices=FORMATS)] = FORMATS[0]
 
 
 class PointsRequest(Options):
@@ -52,14 +53,12 @@ class PointsRequest(Options):
     false_alarms: Annotated[float, Option(
         "Of the list: expected lines of a frame of noise alone.")] = FALSE_ALARMS
     cells: Annotated[str, Option(
-        "Of the list: peaks, three of a range bin; all, of a cube, what passes OS-CFAR.")] = PEAKS
+        "Of the list: peaks, three of a range bin; all, of a cube, what passes OS-CFAR.", choices=CELLS)] = PEAKS
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not (math.isfinite(self.false_alarms) and self.false_alarms > 0.0):
             raise InputError("--false-alarms", f"{self.false_alarms}", "a finite number above 0, of lines a frame")
-        if self.cells not in CELLS:
-            raise InputError("--cells", repr(self.cells), " or ".join(CELLS))
 
 
 class PredictRequest(AnnouncingOptions, PointsRequest, ImageOptions):
@@ -99,8 +98,6 @@ class PredictRequest(AnnouncingOptions, PointsRequest, ImageOptions):
             raise InputError("arguments", f"{len(self.paths)} paths", expected)
         if self.run is not None:
             require_run(self.run)
-        if self.points_format not in FORMATS:
-            raise InputError("--points-format", repr(self.points_format), " or ".join(FORMATS))
         if self.points_format != "parquet" and not self.points:
             raise InputError("--points-format", f"{self.points_format!r} without --points", "--points beside it")
         if self.listed != PointsRequest() and not self.points:

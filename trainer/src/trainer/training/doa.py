@@ -11,7 +11,7 @@ from lightning.pytorch import LightningDataModule
 from torch.nn import functional
 from torch.utils.data import DataLoader, Dataset, Subset
 
-from shared.physics.units import db_to_amplitude
+from shared.physics.units import db_to_amplitude, db_to_power
 from shared.radar import Radar
 from shared.signal.signal import manifold
 from trainer.run.configuration import FitConfig
@@ -49,7 +49,7 @@ class DoaSamples(Dataset[Batch]):
         amplitude = db_to_amplitude(level_db) * np.exp(2j * np.pi * generator.random(shape)) * present
         snapshot = np.einsum("rk,crk->rc", amplitude, echoes[:, place])
         weakest_db = np.where(present, level_db, np.inf).min(axis=1)
-        noise_power = 10.0 ** ((weakest_db - generator.uniform(*SIGNAL_TO_NOISE_DB, self.rows)) / 10.0)
+        noise_power = db_to_power(weakest_db - generator.uniform(*SIGNAL_TO_NOISE_DB, self.rows))
         noise = generator.standard_normal((self.rows, channels, 2)) @ np.array([1.0, 1.0j])
         snapshot += noise * np.sqrt(noise_power / 2.0)[:, None]
         truth = np.zeros((self.rows, grid.bins), dtype=np.float32)

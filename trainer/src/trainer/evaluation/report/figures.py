@@ -136,7 +136,7 @@ def panels(
         FigureCanvasAgg(figure)
         figure.suptitle(title, fontsize=10.0)
         axes = np.asarray(figure.subplots(lines, columns, squeeze=False, **arguments))
-    for axis in axes.ravel()[shown or axes.size :]:
+    for axis in axes.ravel()[axes.size if shown is None else shown :]:
         axis.set_visible(False)
     return figure, axes
 

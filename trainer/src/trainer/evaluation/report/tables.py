@@ -103,11 +103,13 @@ class Numbers:
         :param root: the root of the mean instead
         """
         values = np.asarray(samples)
-        if values.dtype == np.bool_:
+        values = values[np.isfinite(values)]
+        if not len(values):
+            found = UNDEFINED
+        elif values.dtype == np.bool_:
             found = wilson(int(values.sum()), len(values))
         else:
-            values = values[np.isfinite(values)]
-            found = bootstrap_mean(values, self.seed) if len(values) else UNDEFINED
+            found = bootstrap_mean(values, self.seed)
         if root:
             found = Interval(*map(math.sqrt, (found.value, found.low, found.high)))
         self.add(key, metric, condition, found, len(values))

@@ -1,0 +1,30 @@
+"""Waiting for something, and for processes that end."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
+
+import psutil
+
+T = TypeVar("T")
+
+
+def wait_for(condition: Callable[[], T], seconds: float = 120.0, process: subprocess.Popen[Any] | None = None) -> T:
+    """What the condition says as soon as it holds; fails after a time that no slow machine takes.
+
+    :param process: must not end before
+    """
+    end = time.monotonic() + seconds
+    while not (found := condition()):
+        assert time.monotonic() < end, "waited in vain"
+        assert process is None or process.poll() is None, process.communicate()
+        time.sleep(0.02)
+    return found
+
+
+def have_ended(processes: Iterable[psutil.Process]) -> bool:
+    """Also those that nobody has asked about since: init, which inherits them, may not care."""
+    return not any(found.is_running() and found.status() != psutil.STATUS_ZOMBIE for found in processes)
