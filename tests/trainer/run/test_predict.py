@@ -95,6 +95,26 @@ def test_a_cube_is_imaged_and_its_target_is_where_it_was_put(tmp_path):
     assert (tmp_path / "out/cube.png").is_file()
 
 
+@pytest.mark.parametrize(("model", "channels"), [("run", 8), ("das", 12)])
+def test_channels_of_an_elevated_tx_are_left_out_and_it_is_said(tmp_path, model, channels):
+    """They see the elevation of an echo, which would look like an angle: what they hold changes nothing."""
+    raised = RADAR.array.model_copy(update={"tx_m": ((0.0, 0.0, 0.0), (0.0, 4e-3, 2e-3))})
+    radar = RADAR.model_copy(update={"array": raised})
+    made = write_dataset(tmp_path / "data", {"test": [frame(0, radar)]}, radar)
+    other = frame(0, radar)
+    other.range_channel[..., radar.array.channel_tx == 1] = 1e-6
+    changed = write_dataset(tmp_path / "changed", {"test": [other]}, radar)
+    run = [run_of(tmp_path / "run", radar, tiny())] if model == "run" else []
+    images = []
+    for data in (made, changed):
+        said: list[str] = []
+        method, out = None if run else model, tmp_path / f"out-{data.name}"
+        predict([*run, data], out, method=method, pictures=False, announce=said.append)
+        assert f"{channels // 2} of {channels} channels, at other heights than most, are left out" in said
+        images.append(read_images(out / "images.parquet")[1]["image"])
+    np.testing.assert_array_equal(*images)
+
+
 def test_of_tx_in_turns_it_is_said_what_is_known_of_velocities(tmp_path):
     waveform = RADAR.waveform.model_copy(update={"multiplexing": "tdm", "chirp_interval_s": 161.2e-6})
     pair = RADAR.array.model_copy(update={"tx_m": ((0.0, 0.0, 0.0), (0.0, 2e-3, 0.0))})

@@ -93,18 +93,22 @@ class AntennaArray(Told, Described):
 
     @property
     def azimuth_channels(self) -> Int[np.ndarray, " kept"]:
-        """Indices of the channels at one height, in channel order: the azimuth line.
+        """Indices of the channels at one height, in channel order: the azimuth line."""
+        return self.at_one_height(np.arange(self.channels))
+
+    def at_one_height(self, channels: Int[np.ndarray, " channels"]) -> Int[np.ndarray, " kept"]:
+        """Those of some channels that stand at one height, in their order.
 
         It is the height of most of them: a row of TX may stand above that of the RX. Of equal rows it is the one
         nearest to TX and RX at the RX's height. A channel of an elevated TX sees the elevation of an echo too.
         """
-        height = self.virtual[:, 2]
+        height = self.virtual[channels, 2]
         rising = np.argsort(height, kind="stable")
-        row = np.empty(self.channels, dtype=np.intp)
+        row = np.empty(len(channels), dtype=np.intp)
         row[rising] = np.cumsum(np.diff(height[rising], prepend=height[rising[0]]) > LEVEL_M)
         members = np.bincount(row)
         away = np.abs(np.bincount(row, height) / members - 2.0 * self.rx[:, 2].mean())
-        return np.flatnonzero(row == np.lexsort((away, -members))[0])
+        return channels[row == np.lexsort((away, -members))[0]]
 
     def unique_elements(
         self, wavelength_m: float

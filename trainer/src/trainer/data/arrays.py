@@ -39,6 +39,15 @@ class ArrayChoice(Described):
         """Indices of the virtual channels among those of the radar's array."""
         return radar.array.channel_indices(self.rx)
 
+    def line(self, radar: Radar) -> NDArray[np.intp]:
+        """Those of them along azimuth, which networks and estimators see: angles are computed of y alone."""
+        return radar.array.at_one_height(self.channels(radar))
+
+    def left_out(self, radar: Radar) -> str:
+        """What is said of channels that are not along azimuth; "" where all are."""
+        every, line = len(self.channels(radar)), len(self.line(radar))
+        return f"{every - line} of {every} channels, at other heights than most, are left out" if line < every else ""
+
 
 def choose_array(name_or_path: str | Path, radar: Radar, option: str = "--array") -> ArrayChoice:
     """A named array of the radar, or a TOML file with one entry ``rx = [0, 1, ...]``.

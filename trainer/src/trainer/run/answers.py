@@ -290,14 +290,14 @@ def network_answer(
     :param channels: of them that it looks at, by default its own
     """
     radar = radar or run.radar
-    channels = run.array.channels(run.radar) if channels is None else channels
+    channels = run.array.line(run.radar) if channels is None else channels
     shown = radar.model_copy(update={"grid": run.radar.grid})
     return NetworkAnswer(run.config.model, run.array, channels, shown, imager.to(best_device()))
 
 
 def array_answer(name: str, array: ArrayChoice, radar: Radar) -> EstimatorAnswer:
     """The estimator of this name (:data:`trainer.estimators.base.ESTIMATORS`) on the channels of an array."""
-    return EstimatorAnswer(name, array, array.channels(radar), radar, ESTIMATORS[name]())
+    return EstimatorAnswer(name, array, array.line(radar), radar, ESTIMATORS[name]())
 
 
 def estimator_answer(name: str, radar: Radar, dead_channels: tuple[int, ...] = ()) -> EstimatorAnswer:

@@ -173,7 +173,7 @@ class Imager(nn.Module):
     def __init__(self, config: FitConfig, radar: Radar, array: ArrayChoice) -> None:
         super().__init__()
         self.config = config
-        channels = array.channels(radar)
+        channels = array.line(radar)
         # These buffers are neither trained nor stored: they follow from radar and array.
         self.register_buffer("channels", torch.from_numpy(channels), persistent=False)
         self.register_buffer("weights", torch.from_numpy(steering_weights(radar, channels)), persistent=False)

@@ -37,7 +37,7 @@ def fitted_imager(
     :param run_source, source: of run and cube, for messages
     :raises InputError: an array without the run's elements; it names what differs and the commands that train for it
     """
-    wanted = run.array.channels(run.radar)
+    wanted = run.array.line(run.radar)
     own, there = _in_wavelengths(run.radar), _in_wavelengths(radar)
     remarks = []
     step = radar.waveform.range_step_m
@@ -100,7 +100,7 @@ def position_tolerance(run: Run) -> float:
     the truth at the image's edge allows s = cell / (2 u_max), and the outermost element, half the span away, moves by
     s span / 2.
     """
-    array = line_array(run.radar, run.array.channels(run.radar))
+    array = line_array(run.radar, run.array.line(run.radar))
     sensor = run.radar.model_copy(update={"array": run.radar.virtual_sensor})
     edge = float(np.abs(run.radar.grid.u).max())
     return 0.25 * line_array(sensor).resolution_cell / edge * float(np.ptp(array.positions_m)) / array.wavelength_m

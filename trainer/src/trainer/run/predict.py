@@ -31,6 +31,7 @@ from shared.radar import Radar
 from shared.signal.ego_motion import EgoMotion
 from shared.signal.tdm import statement
 from trainer.captures.cube_file import CubeFile
+from trainer.data.arrays import FULL, choose_array
 from trainer.data.measurements import Measurement, Measurements, of_cube, open_measurements
 from trainer.defaults import PEAKS
 from trainer.estimators.base import ESTIMATORS
@@ -280,14 +281,16 @@ def _open(request: PredictRequest) -> tuple[Answer, Measurements]:
     found, measurements = open_measurements(request.source, request.radar, request.split, request.listed.cells)
     if loaded is None:
         assert request.method is not None
-        if others := found.array.channels - len(found.array.azimuth_channels):
-            request.announce(f"{others} of {found.array.channels} channels, at other heights than most, are left out")
+        if said := choose_array(FULL, found).left_out(found):
+            request.announce(said)
         return estimator_answer(request.method, found, measurements.dead_channels), measurements
     if not measurements.dataset:
         about = str(request.source), measurements.dead_channels
         return answer_for_cubes(*loaded, str(request.run), found, request.announce, *about), measurements
     run, imager = loaded
     same_radar(run.radar, str(request.run), found, str(request.source), MEASURED)
+    if said := run.array.left_out(found):
+        request.announce(said)
     return network_answer(run, imager, None, found), measurements
 
 

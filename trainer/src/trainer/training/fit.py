@@ -158,9 +158,9 @@ def _summary(run: Run, task: LightningModule) -> str:
     parameters = sum(parameter.numel() for parameter in task.parameters())
     frames = ", ".join(f"{f.name}: {f.frames['train']} + {f.frames['validation']}" for f in run.datasets)
     model, array = run.config.model, run.array.name
-    remark = precision_remark([run.config])
     said = f"{model}, {parameters} parameters; array {array}; train + validate frames: {frames}"
-    return f"{said}; {remark}" if remark else said
+    remarks = run.array.left_out(run.radar), precision_remark([run.config])
+    return "; ".join(filter(None, (said, *remarks)))
 
 
 def _trainer(config: FitConfig, curves: Logger | bool, callbacks: list[Callback], launch: tuple[int, int]) -> Trainer:

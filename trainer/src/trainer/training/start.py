@@ -101,9 +101,9 @@ def shipped_start(config: FitConfig, radar: Radar, array: ArrayChoice) -> tuple[
 
     No weight knows the array: of the shipped runs it is the one with the nearest number of channels.
     """
-    channels = len(array.channels(radar))
+    channels = len(array.line(radar))
     runs = {path: read_run(path) for path in map(pretrained_run, pretrained_names())}
-    path = min(runs, key=lambda one: abs(len(runs[one].array.channels(runs[one].radar)) - channels))
+    path = min(runs, key=lambda one: abs(len(runs[one].array.line(runs[one].radar)) - channels))
     if misfit := _misfit(runs[path], config, radar):
         return None, f"begins with random weights: those that come with the package have {misfit}"
     return path, f"begins with the weights that come with the package for {path.name}; --from none: with random ones"

@@ -156,7 +156,7 @@ def score_frame(contender: Contender, frame: Frame) -> Values:
 def score_truth(radar: Radar, array: ArrayChoice, frame: Frame) -> Values:
     """What the truth's own image scores against the truth cells that an array could find: the most that is possible."""
     truth = true_magnitude(frame)
-    channels = len(array.channels(radar))
+    channels = len(array.line(radar))
     cells = score_cells(truth, truth, frame.noise_power, channels, radar.waveform.range_step_m)
     return {name: np.asarray(value, dtype=np.float64) for name, value in _stored(cells).items()}
 

@@ -141,7 +141,7 @@ def with_arrays(found: MeasuredInput, radar: Radar, arrays: Sequence[ArrayChoice
     sets = dict(found.elements)
     if found.radar is not None:
         for array in arrays:
-            kept = np.unique(found.element[array.channels(found.radar)])
+            kept = np.unique(found.element[array.line(found.radar)])
             if (kept >= 0).any() and array.name not in sets:
                 sets[array.name] = kept[kept >= 0]
     else:
@@ -149,7 +149,7 @@ def with_arrays(found: MeasuredInput, radar: Radar, arrays: Sequence[ArrayChoice
         steps = (line.positions_m - line.positions_m.min()) / (line.spacing_m or 0.5 * line.wavelength_m)
         grid = np.round(steps).astype(int)
         for array in arrays:
-            thinned = np.sort(grid[array.channels(radar)])
+            thinned = np.sort(grid[array.line(radar)])
             if len(thinned) < len(grid) and thinned[-1] < len(found.snapshot):
                 sets[f"{array.name} of {grid.max() + 1}"] = thinned.astype(np.intp)
     return replace(found, elements=sets)
