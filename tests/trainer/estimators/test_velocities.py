@@ -94,7 +94,8 @@ def test_the_offset_is_where_plain_least_squares_has_it() -> None:
     array = line_array(radar)
     bins, u, offset, delta = np.array([-1, 0, 1]), np.array([0.1, 0.13]), np.array([0.2, -0.3]), np.array([0.3, -0.2])
     place = RangePlace(np.array([20.0]), radar.waveform.range_step_m)
-    walk = 0.5 * array.positions_m[:, None] / place.step_m * u - offset
+    from_middle = array.positions_m - array.positions_m.mean()
+    walk = 0.5 * from_middle[:, None] / place.step_m * u - offset
     phase = 2.0 * np.pi / array.wavelength_m * array.positions_m[:, None] * u
     turn = np.exp(-1j * (phase + array.bend_phase(place.centre_m).T * u**2))
     shape = (hann_response(bins[:, None, None] + walk) * turn) * (1.0 - 2.0 * (bins % 2))[:, None, None]

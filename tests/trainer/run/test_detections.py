@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 
 from shared.physics.errors import InputError
 from shared.radar import Radar, load_radar
+from shared.radar.arrays import AntennaArray, line
 from shared.signal import if_signal
 from shared.signal.spectrum import select_doppler
 from shared.signal.windows import cell_noise_power, hann, hann_envelope_db, hann_response
@@ -29,6 +30,7 @@ from trainer.data.arrays import choose_array
 from trainer.data.cfar import cfar_cells
 from trainer.data.measurements import Cells
 from trainer.data.simulation import amplitude_of, in_plane, snapshot
+from trainer.estimators.array import line_array
 from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.fitting import alternating
 from trainer.run.detection_files import UNITS, records, write_csv, write_pcd
@@ -82,6 +84,22 @@ def test_each_target_is_one_detection_where_it_stands() -> None:
     assert ((found.probability > 0.5) & (found.probability < 1.0)).all()
     assert np.argmax(found.snr_db) == np.argmax(found.probability) == 0
     assert not found.velocity.any()
+
+
+def test_of_a_tx_beside_the_rx_a_wide_sweep_lists_each_target_once() -> None:
+    """All channels walk through the bins together there, 1.4 bins at u = 0.7: nothing but the targets is strong."""
+    array = AntennaArray(tx_m=((0.0, -0.15, 0.0),), rx_m=line(2e-3 * np.arange(-8.0, 8.0)))
+    waveform = RADAR.waveform.model_copy(update={"bandwidth_hz": 4e9, "samples": 256, "range_bins": 256})
+    radar = Radar(array=array, waveform=waveform)
+    range_m, u = np.arange(3.0, 9.5), np.array([0.7, 0.5, 0.3, 0.1, -0.3, -0.5, -0.7])
+    seen = snapshot(radar, in_plane(range_m, u), np.full(7, amplitude_of(30.0, radar)), np.random.default_rng(1))[None]
+    elements, power = line_array(radar), cell_noise_power(radar)
+    image = ESTIMATORS["das"]().image(seen[0], elements, U, power)[None]
+    found = find_detections(image, None, Cells(seen, np.zeros((1, 256))), radar, elements, Sought(power))
+    order = np.argsort(found.range_m[:7])
+    np.testing.assert_allclose(found.range_m[:7][order], range_m, atol=0.003)
+    np.testing.assert_allclose(found.u[:7][order], u, atol=0.003)
+    assert found.snr_db[7:].max(initial=0.0) < 20.0
 
 
 def test_elements_that_err_make_no_ghosts_for_who_is_told_of_it() -> None:

@@ -98,8 +98,9 @@ class RangePlace:
     migration: NDArray[np.float64] | None = None
 
     def walk(self, array: LineArray) -> NDArray[np.float64]:
-        """[C] w_c, by which an echo at u = 1 is displaced in each channel [bins]."""
-        return 0.5 * array.positions_m / self.step_m
+        """[C] w_c, by which an echo at u = 1 is displaced in each channel [bins], from the middle of the array: what is
+        common to all channels would carry lines of an array beside the origin out of their groups."""
+        return 0.5 * (array.positions_m - array.positions_m.mean()) / self.step_m
 
 
 @dataclass(frozen=True)

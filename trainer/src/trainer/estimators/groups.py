@@ -5,11 +5,11 @@ offset r in range from the group's centre [bins] and a complex amplitude s. In b
 
     s h(i - r + w_c u) exp(-j k (p_c u + q_c u^2 / R))
 
-with h the window's response (:func:`shared.signal.windows.hann_response`) and w_c = p_c / 2 over the range step:
-across the array an echo walks through the range bins. R is the group's range: wave fronts are curved, and the cells
-have been straightened for u = 0 (:mod:`trainer.estimators.array`). The noise of neighbouring cells is correlated by the
-windows; cells and model are multiplied by the inverse of its Cholesky factor, after which least squares is maximum
-likelihood.
+with h the window's response (:func:`shared.signal.windows.hann_response`) and w_c = (p_c - mean p) / 2 over the range
+step: across the array an echo walks through the range bins, and r is that of the array's middle. R is the group's
+range: wave fronts are curved, and the cells have been straightened for u = 0 (:mod:`trainer.estimators.array`). The
+noise of neighbouring cells is correlated by the windows; cells and model are multiplied by the inverse of its Cholesky
+factor, after which least squares is maximum likelihood.
 
 With A [N, K] the responses of K lines to unit amplitudes, N = M C, and D their derivatives by the free coordinates, the
 amplitudes are s = A^+ x, P = I - A A^+ projects on what they leave, and the step of least squares in all coordinates is

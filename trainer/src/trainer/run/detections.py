@@ -178,8 +178,10 @@ def find_detections(
     snr_db = lines.level_db[kept] + power_to_db(array.channels / lines.noise[kept])
     centre_mps = np.asarray(velocity, dtype=np.float64)[peaks, rows]
     offset_std = lines.offset_std[kept]
+    # The cells tell the range from the array's middle; the list has that from the radar's origin.
+    nearer_m = np.where(np.isnan(offset_std), 0.0, 0.5 * array.positions_m.mean() * lines.u[kept])
     return Detections(
-        range_m=lines.place[kept] * radar.waveform.range_step_m,
+        range_m=lines.place[kept] * radar.waveform.range_step_m + nearer_m,
         u=lines.u[kept],
         velocity=centre_mps + lines.shift[kept] * radar.waveform.velocity_step_mps,
         amplitude_db=lines.level_db[kept],
