@@ -84,7 +84,7 @@ def require_no_secret(server: Server, tmp_path: Path) -> None:
         ("one", ("--workers", 1)),
         ("two", ("--workers", 2)),
         # Only the command writes: the nodes need not reach the store.
-        pytest.param("cluster", ("--workers", 2, "--engine", "ray"), marks=pytest.mark.slow),
+        ("cluster", ("--workers", 2, "--engine", "ray")),
     ],
 )
 def test_the_objects_are_the_files_of_a_local_run(name, how, server, radar_file, reference, tmp_path):
@@ -178,8 +178,6 @@ ENDS_S = 60.0
 """Within this what was killed has ended."""
 
 WAITING = r"no node of the cluster has a core and 0\.\d GB of memory for tasks: waiting"
-
-pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

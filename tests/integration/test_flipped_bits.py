@@ -172,7 +172,6 @@ def data_of(content: bytes) -> Any:
         return content
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", READS)
 def test_no_flipped_bit_is_read_silently(kind: str, made: Path, generator: np.random.Generator) -> None:
     folder, copy = made / kind, made / "copy"
