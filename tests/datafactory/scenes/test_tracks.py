@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from prepared_scenes import SCENES
 from scipy.spatial.transform import Rotation
-from town_scenes import BUILDINGS, PLATE, box, sheet
+from town_scenes import BARE, box, sheet
 
 from datafactory.scenes.boxes import Movers
 from datafactory.scenes.drives import (
@@ -173,13 +173,7 @@ def test_poses_are_the_track_that_they_are_in_a_file(tmp_path: Path) -> None:
 
 # --- drives -----------------------------------------------------------------------------------------------------------
 
-TOWN = Scene("town", (PLATE, *BUILDINGS))
 FINE = Drives(seconds=5.0, rate_hz=100.0)
-
-
-@pytest.fixture(scope="module")
-def street() -> Ground:
-    return free_ground(TOWN)
 
 
 @pytest.fixture(scope="module")
@@ -231,7 +225,7 @@ def test_bends_are_taken_as_fast_as_they_may_be(radius_m: float) -> None:
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("split", SPLITS)
 def test_drawn_drives_keep_their_limits_and_the_free_ground(street: Ground, split: Split, seed: int) -> None:
-    poses = draw_drive(street, Movers(TOWN), split, FINE, np.random.default_rng(seed))
+    poses = draw_drive(street, Movers(BARE), split, FINE, np.random.default_rng(seed))
     assert len(poses) == 500
     time_s, place, velocity = (np.array([getattr(p, n) for p in poses]) for n in ("time_s", "position", "velocity"))
     np.testing.assert_allclose(np.diff(time_s), 0.01, rtol=1e-9)
@@ -249,7 +243,7 @@ def test_drawn_drives_keep_their_limits_and_the_free_ground(street: Ground, spli
 
 def test_the_velocity_of_a_drive_is_the_derivative_of_its_place(street: Ground) -> None:
     poses = draw_drive(
-        street, Movers(TOWN), "train", replace(FINE, rate_hz=1000.0, seconds=1.0), np.random.default_rng(1)
+        street, Movers(BARE), "train", replace(FINE, rate_hz=1000.0, seconds=1.0), np.random.default_rng(1)
     )
     place, velocity = np.array([p.position for p in poses]), np.array([p.velocity for p in poses])
     difference = (place[2:] - place[:-2]) / 0.002
@@ -257,7 +251,7 @@ def test_the_velocity_of_a_drive_is_the_derivative_of_its_place(street: Ground) 
 
 
 def test_the_sensor_looks_along_its_way_half_a_metre_above_the_ground(street: Ground) -> None:
-    for pose in draw_drive(street, Movers(TOWN), "train", Drives(speed_mps=8.0), np.random.default_rng(2)):
+    for pose in draw_drive(street, Movers(BARE), "train", Drives(speed_mps=8.0), np.random.default_rng(2)):
         vx, vy, _ = pose.velocity
         if math.hypot(vx, vy) > 0.1:
             assert math.degrees(math.atan2(vy, vx)) == pytest.approx(pose.yaw_deg, abs=1e-6)
@@ -288,7 +282,7 @@ def test_a_lane_that_is_short_is_driven_as_fast_as_it_lasts() -> None:
 
 def test_drives_go_as_fast_as_asked_but_for_bends_and_stops(street: Ground) -> None:
     drives = [
-        draw_drive(street, Movers(TOWN), "train", Drives(speed_mps=9.0), np.random.default_rng(seed))
+        draw_drive(street, Movers(BARE), "train", Drives(speed_mps=9.0), np.random.default_rng(seed))
         for seed in range(10)
     ]
     first, last = (np.array([np.linalg.norm(poses[at].velocity) for poses in drives]) for at in (0, -1))
@@ -303,14 +297,14 @@ def test_most_drives_keep_to_the_roads(street: Ground) -> None:
 
     def west(ground: Ground) -> int:
         rngs = map(np.random.default_rng, range(20))
-        drives = [draw_drive(ground, Movers(TOWN), "train", Drives(speed_mps=4.0), rng) for rng in rngs]
+        drives = [draw_drive(ground, Movers(BARE), "train", Drives(speed_mps=4.0), rng) for rng in rngs]
         return sum(poses[0].position[0] < 0.0 for poses in drives)
 
     assert west(whole) < 18 <= west(replace(whole, road=street.free & (x < 0.0)))
 
 
 def test_a_drive_at_no_speed_stands(street: Ground) -> None:
-    poses = draw_drive(street, Movers(TOWN), "train", Drives(speed_mps=0.0), np.random.default_rng(3))
+    poses = draw_drive(street, Movers(BARE), "train", Drives(speed_mps=0.0), np.random.default_rng(3))
     assert {pose.position for pose in poses} == {poses[0].position}
     assert all(pose.velocity == (0.0, 0.0, 0.0) for pose in poses)
 
@@ -332,7 +326,7 @@ def test_movers_are_where_their_vertices_are(shipped: tuple[Scene, Ground]) -> N
     scene, _ = shipped
     movers = Movers(scene)
     assert movers
-    assert not Movers(TOWN)
+    assert not Movers(BARE)
     for time_s in (0.0, 1.7):
         boxes = movers.boxes(time_s)
         moving = [item for item in scene.objects if item.moves]
@@ -347,7 +341,7 @@ def test_no_street_is_said_in_one_line(street: Ground) -> None:
     with pytest.raises(
         InputError, match=r"town: no drive in the region of test: no street is long enough; expected .*"
     ):
-        draw_drive(none, Movers(TOWN), "test", Drives(), np.random.default_rng(0))
+        draw_drive(none, Movers(BARE), "test", Drives(), np.random.default_rng(0))
 
 
 def test_what_is_asked_of_drives_is_read() -> None:
