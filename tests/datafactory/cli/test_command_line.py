@@ -60,7 +60,6 @@ REFUSED = [
     ((*TINY, "--frames", "0", "--points", "2"), "--scene: beside --frames 0, which makes none of it; expected one of"),
     ((*TINY, "--scene", "~/x.usda"), "--scene: '~/x.usda': ~ was not replaced by the home folder; expected the path"),
     ((*TINY, "--materials", "~/x.toml"), "--materials: '~/x.toml': ~ was not replaced by the home folder"),
-    (("render", "sionna:atlantis"), "sionna:atlantis: "),
     ((*TINY, "--frame-rate", "5"), "--frame-rate: without --trajectory"),
     ((*TINY, "--trajectory", "none.csv"), "none.csv: cannot be read: No such file"),
     ((*TINY, "--trajectory", "drive", "--trajectory", "a.csv"), "--trajectory: 'drive' beside others"),
@@ -91,7 +90,6 @@ REFUSED = [
 """What no file of ours is asked for, and the line."""
 FILES = [
     (("points", "--radar"), "[grid]\nbins = 10000000", "FILE: grid.bins = 10000000; expected"),
-    ((*TINY, "--materials"), "[glass", "FILE: malformed TOML"),
     (("points", "--workers", "1", "--radar"), f"{SMALL}range_bins = 2", "--radar: waveform.range_bins = 2 leaves no"),
 ]
 """What is asked of a file, its text, and the line."""
