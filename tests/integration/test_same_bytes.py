@@ -6,10 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
-from factory_command import but_made, run, shards
+from factory_command import but_made, frames_of, run, shards
 from prepared_scenes import SCENES
 
-from shared.dataset.folder import open_dataset
 from shared.physics.errors import InputError
 
 TINY = SCENES / "tiny.usda"
@@ -82,6 +81,5 @@ def test_traced_now_and_rendered_later_is_rendered_at_once(
         "--out", tmp_path / "later")  # fmt: skip
     once = shards(tmp_path / "once")
     assert shards(tmp_path / "later") == once
-    frames = [frame for split in open_dataset(tmp_path / "once").splits for frame in
-              open_dataset(tmp_path / "once").frames(split)]  # fmt: skip
-    assert len({frame.scene for frame in frames if frame.kind == "scene"}) == count
+    frames = frames_of(tmp_path / "once").values()
+    assert len({frame.scene for _, frame in frames if frame.kind == "scene"}) == count

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from factory_command import run, shards
+from factory_command import frames_of, run, shards
 from numpy.typing import NDArray
 from prepared_scenes import SCENES
 from small_radar import write_small_radar
 
 from datafactory import Pose, render
 from shared.dataset import Frame
-from shared.dataset.folder import open_dataset, read_manifest
+from shared.dataset.folder import read_manifest
 from shared.physics.errors import InputError
 
 ROWS = "time,x,y,z,yaw_deg\n0,-10,0,0.5,0\n0.2,-9,0,0.5,0\n0.4,-8,0,0.5,5\n"
@@ -30,11 +30,6 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_small_radar(folder)
     (folder / "track.csv").write_text(ROWS, encoding="utf-8")
     return folder
-
-
-def frames_of(folder: Path) -> dict[int, tuple[str, Frame]]:
-    dataset = open_dataset(folder)
-    return {frame.frame_id: (split, frame) for split in dataset.splits for frame in dataset.frames(split)}
 
 
 def test_a_file_is_a_sequence_at_the_rate_that_is_asked_for(files: Path, tmp_path: Path) -> None:

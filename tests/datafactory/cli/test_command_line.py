@@ -17,6 +17,7 @@ from datafactory.cli.app import app
 from datafactory.inspection.dataset import MEANINGS, told
 from datafactory.inspection.doctor import Finding
 from shared.cli.console import plain_console, table
+from shared.dataset.folder import read_manifest
 
 SCENES = Path(__file__).parents[3] / "scenes"
 COMMANDS = sorted(info.callback.__name__ for info in app.registered_commands if info.callback)
@@ -128,7 +129,7 @@ def test_a_virtual_sensor_of_one_element_has_no_lobe(tmp_path: Path, monkeypatch
         out = tmp_path / f"out{number}"
         arguments = ["points", "--frames", "1", "--radar", str(tmp_path / "radar.toml"), "--out", str(out)]
         assert CliRunner().invoke(app, [*arguments, "--workers", "1"], catch_exceptions=False).exit_code == 0
-        assert json.loads((out / "manifest.json").read_text(encoding="utf-8"))["truth"]["width_u"] is None
+        assert read_manifest(out)["truth"]["width_u"] is None
 
 
 def written_help(command: str) -> list[str]:

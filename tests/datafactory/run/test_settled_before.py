@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
 
@@ -23,6 +22,7 @@ from datafactory.run.preparation import prepare
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.scene import Scene
 from datafactory.synthesis import cube
+from shared.dataset.folder import read_manifest
 from shared.physics.errors import InputError
 from shared.processes.telling import Announce, silent
 from shared.radar import Radar
@@ -53,7 +53,7 @@ def points(
 
 
 def manifest_of(report: Report) -> dict:
-    return json.loads((report.directory / "manifest.json").read_bytes())
+    return read_manifest(report.directory)
 
 
 def columns_of(report: Report, name: str) -> np.ndarray:
