@@ -14,6 +14,7 @@ from html import unescape
 from pathlib import Path
 
 import pytest
+from prepared_scenes import STREET, TINY
 from small_dataset import make_dataset, make_frame
 from typer.testing import CliRunner
 
@@ -29,7 +30,6 @@ from shared.radar import Radar
 from trainer import RadarDataset, load_imager, pretrained_run
 from trainer.data.dataset import Example
 
-TINY = Path(__file__).resolve().parents[1] / "scenes" / "tiny.usda"
 PACKAGES = (shared, datafactory, trainer)
 WAVEFORM = """
 [waveform]
@@ -179,7 +179,7 @@ DECISIONS = (Decision("specular", True, "", "", -3.0), Decision("refraction", Fa
 VALUES: dict[str, tuple[Callable[[], Told], list[str]]] = {
     "Radar": (Radar, ["77 GHz", "128 chirps of 1024", "3 TX x 16 RX, 48", "630 x 450", "0.15 m", "94 mm wide"]),
     "Array": (lambda: Radar().array, ["3 TX x 16 RX, 48 virtual channels, 94 mm wide, 0 mm high"]),
-    "Scene": (lambda: load_scene(TINY.with_name("street.usda")),
+    "Scene": (lambda: load_scene(STREET),
               ["scene street", "310 objects", "13 point targets", "40 of them move", "warned: 13"]),
     "Plan": (lambda: ScenePlan(EffectPlan("street", -30.0, DECISIONS, {}), 8, {"specular": 0.25}, None),
              ["on: specular", "off: refraction", "8 frames", "-30 dB", "0.25 processor seconds"]),

@@ -20,6 +20,7 @@ import psutil
 import pytest
 import ray_work
 from factory_command import ended, shards
+from prepared_scenes import TINY
 from ray_cluster import add_node, kill_node, ray_cluster
 from s3_server import KEY, SECRET, Server
 
@@ -27,7 +28,6 @@ from datafactory import RunFailed, render
 from datafactory.run import pipeline, preparation
 from shared.physics.errors import InputError
 
-SCENES = Path(__file__).parents[2] / "scenes"
 POINTS = ("points", "--frames", 30, "--seed", 3, "--workers", 1)
 """Five shards."""
 
@@ -157,7 +157,7 @@ def test_a_store_that_fails_in_mid_run_is_one_line_and_resumed(workers, status, 
 
 def test_traced_paths_lie_in_the_store_as_well(server, radar_file, tmp_path):
     asked = ("--radar", radar_file, "--workers", 1)
-    traced = ("trace", SCENES / "tiny.usda", "--frames", 2, "--rays", 500, "--effects", "diffuse,noise", *asked)
+    traced = ("trace", TINY, "--frames", 2, "--rays", 500, "--effects", "diffuse,noise", *asked)
     for paths, data in ((str(tmp_path / "paths"), str(tmp_path / "data")), (server.uri("paths"), server.uri("data"))):
         done = command(*traced, "--out", paths)
         assert done.status == 0, done.err

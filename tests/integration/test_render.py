@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from factory_command import but_made, frames_of, run, shards
+from prepared_scenes import TINY
 from town_scenes import flat, sheet
 
 from datafactory.api.asking import order_of
@@ -32,9 +33,6 @@ from shared.dataset.reading import open_shard, read_description
 from shared.physics.errors import InputError
 from shared.radar import load_radar
 from shared.signal import if_signal, target_amplitudes
-
-SCENES = Path(__file__).parents[2] / "scenes"
-TINY = SCENES / "tiny.usda"
 
 TWELVE = ("--frames", 9, "--points", 3, "--workers", 1)
 

@@ -7,11 +7,9 @@ from pathlib import Path
 
 import pytest
 from factory_command import but_made, frames_of, run, shards
-from prepared_scenes import SCENES
+from prepared_scenes import TINY
 
 from shared.physics.errors import InputError
-
-TINY = SCENES / "tiny.usda"
 
 
 def test_rendered_traced_and_rendered_from_traces(radar_file: Path, tmp_path: Path) -> None:
@@ -51,7 +49,7 @@ MADE_OF = ("brick", "glass", "wood", "plasterboard", "marble")
 @pytest.fixture
 def scenes(tmp_path: Path) -> list[Path]:
     """Five scenes: a file each, all of one shape."""
-    text = (SCENES / "tiny.usda").read_text(encoding="utf-8")
+    text = TINY.read_text(encoding="utf-8")
     paths = [tmp_path / f"scene{number}.usda" for number in range(len(MADE_OF))]
     for path, material in zip(paths, MADE_OF, strict=True):
         path.write_text(text.replace("brick", material), encoding="utf-8")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from factory_command import frames_of, run, shards
 from numpy.typing import NDArray
-from prepared_scenes import SCENES
+from prepared_scenes import EFFECT_SCENES, TINY
 from small_radar import write_small_radar
 
 from datafactory import Pose, render
@@ -19,7 +19,6 @@ from shared.dataset.folder import read_manifest
 from shared.physics.errors import InputError
 
 ROWS = "time,x,y,z,yaw_deg\n0,-10,0,0.5,0\n0.2,-9,0,0.5,0\n0.4,-8,0,0.5,5\n"
-TINY = str(SCENES / "tiny.usda")
 EFFECTS = "specular,diffuse,doppler,rcs_targets,noise"
 FEW = ("--rays", "500", "--effects", EFFECTS, "--workers", "1")
 
@@ -100,7 +99,7 @@ def test_what_stands_gives_the_same_image_again_and_a_small_step_a_nearly_equal_
     here = Pose((40.0, 0.0, 0.5))
     track = [here, Pose((40.0002, 0.0, 0.5), time_s=0.1), Pose((40.0, 0.0, 0.5), time_s=7.0)]
     asked: dict[str, Any] = {"radar": files / "small.toml", "rays": 4000, "effects": "all", "noise": False}
-    wall, stopped = str(SCENES / "effects" / "wall.usda"), tmp_path / "stopped.json"
+    wall, stopped = str(EFFECT_SCENES / "wall.usda"), tmp_path / "stopped.json"
     entries = [{"time": pose.time_s, "position": pose.position, "velocity": [0.0, 0.0, 0.0]} for pose in track]
     stopped.write_text(json.dumps(entries), encoding="utf-8")
     render(wall, tmp_path / "sequence", trajectory=stopped, **asked)

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from oracles import doppler_filtered, if_cube, peak_error_db, relative_error
 from path_tables import a_table
-from sampled_frames import EFFECTS, MENU, POSE, TINY, order_of_two, samples_of
+from prepared_scenes import TINY
+from sampled_frames import EFFECTS, MENU, POSE, order_of_two, samples_of
 
 from datafactory.accuracy import budget
 from datafactory.accuracy.budget import HONEST_DB, check, first_middle_last

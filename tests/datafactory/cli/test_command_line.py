@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from factory_command import ended, refused
+from prepared_scenes import EFFECT_SCENES, SCENES
 from typer.main import get_params_from_function
 from typer.testing import CliRunner
 
@@ -19,7 +20,6 @@ from datafactory.inspection.doctor import Finding
 from shared.cli.console import plain_console, table
 from shared.dataset.folder import read_manifest
 
-SCENES = Path(__file__).parents[3] / "scenes"
 COMMANDS = sorted(info.callback.__name__ for info in app.registered_commands if info.callback)
 
 
@@ -46,7 +46,7 @@ def test_an_interrupted_command_says_how_to_go_on(
 
 SEED = "123456789012345678901234567890"
 SMALL = "[waveform]\nsamples = 4\nchirps = 2\n"
-POSES = str(SCENES / "effects" / "wall.poses.json")
+POSES = str(EFFECT_SCENES / "wall.poses.json")
 TINY = ("render", "shipped:tiny")
 REFUSED = [
     (("render",), "--scene: missing; expected a scene file or sionna:NAME, or --paths"),
@@ -178,7 +178,7 @@ def test_the_version_is_that_of_the_distribution() -> None:
         (["plan", "sionna:munch"], "'munich'"),
         (["plan", str(SCENES / "tine.usda")], "'tiny.usda'"),
         (["points", "--store", "cub", "--out", "x"], "'cube'"),
-        (["render", str(SCENES / "tiny.usda"), "--effects", "difuse", "--out", "x"], "'diffuse'"),
+        (["render", str(TINY), "--effects", "difuse", "--out", "x"], "'diffuse'"),
     ],
 )
 def test_a_slip_of_the_pen_is_answered_with_what_was_meant(arguments: list[str], meant: str) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from factory_command import run
-from prepared_scenes import SCENES
+from prepared_scenes import TINY
 
 from datafactory import load_radar, render
 from datafactory.api.asking import order_of
@@ -108,7 +108,7 @@ def test_what_was_asked_for_and_does_not_fit_is_refused_with_what_would(machine:
 def test_a_dry_run_says_it_of_the_scene_and_the_workers_that_fit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    order = order_of(OrderOptions(str(SCENES / "tiny.usda"), radar="avr-qdm-110", frames=80, rays=4000))
+    order = order_of(OrderOptions(str(TINY), radar="avr-qdm-110", frames=80, rays=4000))
     recipe = prepare(order, load_materials())
     found = forecast(recipe, tmp_path, 3)
     expected = memory.statement(load(settings=order.settings, triangles=104), 3, memory.usable_memory())
@@ -156,7 +156,7 @@ def test_frames_take_the_least_that_a_run_is_refused_for(
 def test_a_run_is_refused_where_even_its_noise_does_not_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By --dry-run too, which says where the forecast does not fit; what a killed run left there is room for it."""
     (tmp_path / "radar.toml").write_text(SMALL)
-    scene, out = str(SCENES / "tiny.usda"), tmp_path / "out"
+    scene, out = str(TINY), tmp_path / "out"
     asked = ("render", scene, "--radar", tmp_path / "radar.toml", "--rays", 200, "--frames", 640, "--out", out)
     monkeypatch.setattr(memory, "free_bytes", lambda directory: 10_000_000)
     said = r"number of frames: 640 frames need at least \d+ MB; .*out has 10 MB free; expected at most \d+, or another"

@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from factory_command import refused
+from prepared_scenes import TINY
 
 from datafactory.api import asking, making
 from datafactory.api.asking import device_of, load_scene, materials_of, order_of
@@ -161,7 +162,6 @@ def test_kernels_that_cannot_be_had_are_refused(monkeypatch):
         cube.kernels_on("cuda")
 
 
-TINY = Path(__file__).parents[3] / "scenes" / "tiny.usda"
 MAP = '[map]\n"bricks" = "glass"\n"brick" = "glass"\n"M_42" = "glass"\n'
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from prepared_scenes import SCENES
+from prepared_scenes import STREET
 from scipy.spatial.transform import Rotation
 from town_scenes import BARE, box, sheet
 
@@ -178,7 +178,7 @@ FINE = Drives(seconds=5.0, rate_hz=100.0)
 
 @pytest.fixture(scope="module")
 def shipped() -> tuple[Scene, Ground]:
-    scene = open_scene(str(SCENES / "street.usda"))
+    scene = open_scene(str(STREET))
     return scene, free_ground(scene)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from factory_command import refused, run
 from matplotlib.image import imread
-from prepared_scenes import EFFECT_SCENES, SCENES, prepared_scene
+from prepared_scenes import EFFECT_SCENES, STREET, TINY, prepared_scene
 from usd_files import cube, write_usda
 
 from datafactory.api.asking import load_scene
@@ -38,7 +38,6 @@ from shared.dataset.folder import open_dataset, verify
 from shared.physics.errors import InputError
 from shared.radar import load_radar
 
-TINY = SCENES / "tiny.usda"
 RAYS = 2000
 
 
@@ -99,7 +98,7 @@ def test_traced_paths_are_looked_at_in_their_own_scene(tmp_path: Path) -> None:
     assert told(written[0])["title"] == "tiny, frame 1"
     assert sum(len(kind["paths"]) for kind in told(written[0])["kinds"]) > 0
     with pytest.raises(InputError, match="is not the scene in which the paths of"):
-        view(SCENES / "street.usda", tmp_path / "other.html", paths=tmp_path / "paths")
+        view(STREET, tmp_path / "other.html", paths=tmp_path / "paths")
     with pytest.raises(InputError, match="--frame: 2; expected 0 to 1"):
         view(None, tmp_path / "other.html", paths=tmp_path / "paths", frame=2)
     with pytest.raises(InputError, match="--rays: beside --paths: the trace has settled it"):
@@ -167,7 +166,7 @@ def test_the_pictures_are_written_beside_the_page(tmp_path: Path) -> None:
 
 def test_each_thing_that_moves_has_one_arrow() -> None:
     """Each car of the street is several prims; the sensor has an arrow too."""
-    movers = subject(SCENES / "street.usda", Pose((0.0, 0.0, 0.5), velocity=(3.0, 4.0, 0.0))).movers()
+    movers = subject(STREET, Pose((0.0, 0.0, 0.5), velocity=(3.0, 4.0, 0.0))).movers()
     names = [name for name, _, _ in movers]
     assert len(names) == len(set(names)) < 25
     assert names[-1] == "sensor"
@@ -183,7 +182,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two frames of a copy of the tiny scene, and one of point targets."""
     folder = tmp_path_factory.mktemp("cameras")
     (folder / "radar.toml").write_text(SHORT, encoding="utf-8")
-    shutil.copy(SCENES / "tiny.usda", folder / "tiny.usda")
+    shutil.copy(TINY, folder / "tiny.usda")
     steps: list[tuple[str, int, int]] = []
     render(
         folder / "tiny.usda", folder / "with", radar=folder / "radar.toml", poses=POSES, points=1, rays=2000,
@@ -237,7 +236,7 @@ def test_inspect_draws_what_was_written_or_makes_it(folder: Path) -> None:
 
 def test_a_scene_that_has_changed_is_not_shown(folder: Path) -> None:
     before = (folder / "tiny.usda").read_text(encoding="utf-8")
-    (folder / "tiny.usda").write_text((SCENES / "street.usda").read_text(encoding="utf-8"), encoding="utf-8")
+    (folder / "tiny.usda").write_text(STREET.read_text(encoding="utf-8"), encoding="utf-8")
     dataset = open_dataset(folder / "with")
     frame = next(iter(dataset.frames("train", columns=())))
     with pytest.raises(InputError, match="is not the scene that was rendered"):
