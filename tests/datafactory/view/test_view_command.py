@@ -13,6 +13,7 @@ import pytest
 from factory_command import refused, run
 from matplotlib.image import imread
 from prepared_scenes import EFFECT_SCENES, STREET, TINY, prepared_scene
+from small_radar import SMALL_RADAR
 from usd_files import cube, write_usda
 
 from datafactory.api.asking import load_scene
@@ -174,14 +175,13 @@ def test_each_thing_that_moves_has_one_arrow() -> None:
 
 
 POSES = (Pose((0.0, 0.0, 0.5)), Pose((0.5, 0.0, 0.6), 30.0, -10.0, 5.0, (1.0, 0.0, 0.0), 0.5))
-SHORT = "[waveform]\nsamples = 128\nchirps = 16\nrange_bins = 64\n"
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two frames of a copy of the tiny scene, and one of point targets."""
     folder = tmp_path_factory.mktemp("cameras")
-    (folder / "radar.toml").write_text(SHORT, encoding="utf-8")
+    (folder / "radar.toml").write_text(SMALL_RADAR, encoding="utf-8")
     shutil.copy(TINY, folder / "tiny.usda")
     steps: list[tuple[str, int, int]] = []
     render(
