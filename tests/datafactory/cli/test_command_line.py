@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import re
-from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 
@@ -16,7 +14,6 @@ from typer.testing import CliRunner
 
 from datafactory.cli.app import app
 from datafactory.inspection.dataset import MEANINGS, told
-from datafactory.inspection.doctor import Finding
 from shared.cli.console import plain_console, table
 from shared.dataset.folder import read_manifest
 
@@ -184,14 +181,6 @@ def test_the_version_is_that_of_the_distribution() -> None:
 def test_a_slip_of_the_pen_is_answered_with_what_was_meant(arguments: list[str], meant: str) -> None:
     line = refused(*arguments)
     assert re.search(rf"([Dd]id you mean|Possible options:.*) {re.escape(meant)}", line), line
-
-
-def test_doctor_as_json_holds_the_findings(monkeypatch: pytest.MonkeyPatch) -> None:
-    finding = Finding("LLVM", "15 [old]", False, "pip install", required=True)
-    monkeypatch.setattr("datafactory.inspection.doctor.examine", lambda: [finding])
-    result = CliRunner().invoke(app, ["doctor", "--json"])
-    assert result.exit_code == 1
-    assert json.loads(result.stdout) == [asdict(finding)]
 
 
 def test_counts_are_told_in_words_where_they_are_asked_for() -> None:
