@@ -152,7 +152,7 @@ def test_the_change_by_the_pattern_is_that_of_the_illuminated_amplitudes(generat
 
     def lit(front_end: FrontEnd) -> np.ndarray:
         illuminated = table.illuminated(front_end)
-        return np.concatenate([illuminated.scattered.amplitude, illuminated.specular.amplitude])
+        return illuminated.every("amplitude")
 
     with_pattern = lit(radar.front_end)
     without = lit(radar.front_end.with_boresight_gain())

@@ -36,8 +36,8 @@ def traced(out: Path, device: str) -> list[TracedFrame]:
 def power_by_range(frame: TracedFrame) -> np.ndarray:
     """[bins] of 1 m."""
     table = frame.table
-    range_m = np.concatenate([table.scattered.range_m(), table.specular.range_m()])
-    power = np.abs(np.concatenate([table.scattered.amplitude, table.specular.amplitude])) ** 2
+    range_m = table.range_m()
+    power = np.abs(table.every("amplitude")) ** 2
     return np.bincount(range_m.astype(np.int64), weights=power, minlength=300)[:300]
 
 
