@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import platform
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from factory_command import run
+from interpreter import python
 from prepared_scenes import TINY
 from small_radar import SMALL_RADAR
 
@@ -194,5 +194,4 @@ print(faults() - before)
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only the GNU C library has these limits")
 def test_memory_that_was_freed_is_not_asked_for_again():
     """Ninety megabytes for the third time. Without the limits that is 30 to 20 000 page faults, by the page's size."""
-    done = subprocess.run([sys.executable, "-c", FAULTS_OF_THE_LAST_ARRAYS], capture_output=True, text=True, check=True)
-    assert int(done.stdout) <= 2
+    assert int(python("-c", FAULTS_OF_THE_LAST_ARRAYS)) <= 2

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-import subprocess
-import sys
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -14,6 +12,7 @@ import numpy as np
 import pytest
 import trimesh
 from factory_command import refused, run
+from interpreter import python
 from pxr import Sdf, Usd
 from scene_solids import city_solids, triangles_of
 from solids import intersecting
@@ -182,10 +181,9 @@ def test_a_disk_that_is_full_leaves_the_file_that_was_there(tmp_path: Path, suff
     """The limit on the size of files stands for the full disk."""
     path = tmp_path / f"city.{suffix}"
     path.write_text("before")
-    command = [sys.executable, "-c", FULL, str(path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout.startswith(f"{path}: cannot be written (")
-    assert len(done.stdout.splitlines()) == 1
+    said = python("-c", FULL, path)
+    assert said.startswith(f"{path}: cannot be written (")
+    assert len(said.splitlines()) == 1
     assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
     assert path.read_text() == "before"
 
