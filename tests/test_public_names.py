@@ -154,12 +154,8 @@ def test_every_public_name_is_there_and_documented(package: object) -> None:
 def test_a_rendering_process_starts_without_what_few_frames_need() -> None:
     """Every worker starts so; together these take more than a second."""
     dear = "'scipy.signal', 'scipy.stats', 'scipy.interpolate', 'trimesh', 'networkx', 'matplotlib'"
-    assert (
-        python(
-            "-W", "error", "-c", f"import sys, datafactory.api.making; print(*{{{dear}}} & sys.modules.keys())"
-        ).split()
-        == []
-    )
+    script = f"import sys, datafactory.api.making; print(*{{{dear}}} & sys.modules.keys())"
+    assert python("-W", "error", "-c", script).split() == []
 
 
 @pytest.mark.parametrize("program", ["datafactory", "trainer"])
