@@ -49,7 +49,7 @@ WRITTEN = {
     ("car-park", 3): "c9543aedbe77b5244386007f460c36c631a3f5448aa5eec5634cc4e787821bee",
     ("car-park", 8): "001e5314d474e3fb59dcaac8b837c5db2074ddc979c1847e2be4f4e65dc9ff59",
 }
-"""SHA-256 of cities of one block, as text. A change of the generator changes these, and ``options.VERSION``."""
+"""SHA-256 of cities of one block, as text. A change of the generator changes these, and ``city.VERSION``."""
 
 
 @pytest.mark.parametrize(("style", "seed"), WRITTEN)
