@@ -7,36 +7,21 @@ a hundredth of a millimetre: rounded to a whole one they would bend a post by as
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from datafactory.scenes.city.shapes import Surface
+from datafactory.scenes.city.shapes import Polygon, Surface, welded
 
 Real = NDArray[np.float64]
 DECIMALS = 5
 
 
-def surface_of(faces: Iterable[tuple[ArrayLike, str]]) -> Surface:
-    """Faces, each [n, 3] corners counter-clockwise from outside and a material, with common vertices as one."""
-    index: dict[tuple[float, ...], int] = {}
-    kept, materials = [], []
-    for corners, material in faces:
-        # Adding 0.0 turns -0.0 into 0.0: the two compare equal but print differently.
-        points = (np.round(np.asarray(corners, dtype=np.float64), DECIMALS) + 0.0).tolist()
-        face = tuple(dict.fromkeys(index.setdefault(tuple(point), len(index)) for point in points))
-        if len(face) >= 3:
-            kept.append(face)
-            materials.append(material)
-    return Surface(np.array(list(index), dtype=np.float64).reshape(-1, 3), tuple(kept), tuple(materials))
-
-
-def placed(surface: Surface, offset: Sequence[float], rotation: ArrayLike | None = None) -> Surface:
-    """The same body after a proper rotation [3, 3] and a shift [3]."""
-    points = surface.vertices if rotation is None else surface.vertices @ np.asarray(rotation, dtype=np.float64).T
-    return Surface(np.round(points + np.asarray(offset), DECIMALS) + 0.0, surface.faces, surface.materials)
+surface_of = partial(welded, decimals=DECIMALS)
+placed = partial(Surface.moved, decimals=DECIMALS)
 
 
 def bowed_outline(half_length: float, half_width: float, corner: float, parts: tuple[int, int, int]) -> Real:
@@ -104,16 +89,16 @@ def loft(
     :param floor, lid: their materials; none where empty
     :param left_out: whether a facet is an opening
     """
-    faces: list[tuple[ArrayLike, str]] = [
-        (corners, material if isinstance(material, str) else material(band, strip))
+    faces = [
+        Polygon(corners, material if isinstance(material, str) else material(band, strip))
         for band, strip, corners in _facets(levels)
         if not left_out(band, strip)
     ]
     bottom, top = (np.column_stack([outline, np.full(len(outline), z)]) for z, outline in (levels[0], levels[-1]))
     if floor:
-        faces.append((bottom[::-1], floor))
+        faces.append(Polygon(bottom[::-1], floor))
     if lid:
-        faces.append((top, lid))
+        faces.append(Polygon(top, lid))
     return surface_of(faces)
 
 
@@ -127,19 +112,19 @@ def recess(
 
     :param inwards: from points [n, 3] of the opening to those of its ground
     """
-    faces: list[tuple[ArrayLike, str]] = []
+    faces = list[Polygon]()
     count = len(levels[0][1])
     for band, strip, corners in _facets(levels):
         if not left_out(band, strip):
             continue
-        faces.append((inwards(corners), material))
+        faces.append(Polygon(inwards(corners), material))
         neighbours = ((band - 1, strip), (band, (strip + 1) % count), (band + 1, strip), (band, (strip - 1) % count))
         for side, (other, next_to) in enumerate(neighbours):
             open_beyond = 0 <= other < len(levels) - 1 and left_out(other, next_to)
             below_the_sill = other < 0
             if not open_beyond and not below_the_sill:
                 a, b = corners[side], corners[(side + 1) % 4]
-                faces.append((np.array([a, b, *inwards(np.array([b, a]))]), material))
+                faces.append(Polygon(np.array([a, b, *inwards(np.array([b, a]))]), material))
     return surface_of(faces)
 
 
@@ -155,12 +140,13 @@ def wheel(radius: float, width: float, x: float, y: float) -> Surface:
     # A quarter turn, so that a corner stands on the ground.
     tread = round_outline(radius, 15)[:, ::-1] * [1.0, -1.0]
     inner, outer = -0.5 * width, 0.5 * width
-    faces: list[tuple[ArrayLike, str]] = []
+    faces = list[Polygon]()
     hub = (0.0, outer - 0.03, 0.0)  # a shallow bowl: a flat disc would be a mirror of 40 dBsm
     for i in range(15):
         j = (i + 1) % 15
         a, b = ((x, z) for x, z in (tread[i], tread[j]))
-        faces.append(([(a[0], inner, a[1]), (a[0], outer, a[1]), (b[0], outer, b[1]), (b[0], inner, b[1])], "rubber"))
-        faces.append(([(a[0], outer, a[1]), hub, (b[0], outer, b[1])], "metal"))
+        tyre = [(a[0], inner, a[1]), (a[0], outer, a[1]), (b[0], outer, b[1]), (b[0], inner, b[1])]
+        faces.append(Polygon(np.array(tyre), "rubber"))
+        faces.append(Polygon(np.array([(a[0], outer, a[1]), hub, (b[0], outer, b[1])]), "metal"))
     turn = np.eye(3) if y > 0.0 else np.diag([-1.0, -1.0, 1.0])  # half a turn about z on the right-hand side
     return placed(surface_of(faces), (x, y, radius), turn)

@@ -158,7 +158,7 @@ def traced(*objects: SceneObject, pose: Pose = HOME, **settings) -> PathTable:
 
 
 def amplitudes(table: PathTable) -> NDArray[np.complex128]:
-    return np.concatenate([table.scattered.amplitude, table.specular.amplitude])
+    return table.every("amplitude")
 
 
 def level_db(table: PathTable, expected: float) -> float:

@@ -9,7 +9,8 @@ from command_line import ended
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
-from shared.dataset.folder import read_manifest
+from shared.dataset import Frame
+from shared.dataset.folder import open_dataset, read_manifest
 
 
 def run(*arguments: object) -> str:
@@ -24,6 +25,12 @@ def refused(*arguments: object) -> str:
     status, _, line = ended("datafactory", *arguments)
     assert (status, line.count("\n")) == (2, 1)
     return line
+
+
+def frames_of(folder: Path) -> dict[int, tuple[str, Frame]]:
+    """The frames of a dataset and their splits, split by split."""
+    dataset = open_dataset(folder)
+    return {frame.frame_id: (split, frame) for split in dataset.splits for frame in dataset.frames(split)}
 
 
 def but_made(folder: Path) -> dict[str, Any]:

@@ -48,16 +48,8 @@ def a_table(
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     reflection = np.eye(3) - 2.0 * normals[:, :, None] * normals[:, None, :]
     turned = np.where(np.arange(count)[:, None, None] % 2, reflection, reflection @ reflection[::-1])
-    specular = SpecularPaths(
-        image=2.0 * point,
-        image_velocity=velocity,
-        axes=turned,
-        amplitude=np.ones(count, dtype=complex),
-        depth=np.ones(count, dtype=np.int8),
-        object_index=np.zeros(count, dtype=np.int32),
-        kinds=np.ones(count, dtype=np.uint8),
-    )
-    return PathTable(scattered, specular)
+    amplitude, owner = np.ones(count, dtype=complex), np.zeros(count, dtype=np.int32)
+    return PathTable(scattered, SpecularPaths.of(2.0 * point, velocity, turned, amplitude, owner, SPECULAR))
 
 
 def random_reflection(generator: np.random.Generator) -> np.ndarray:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from manual import ROOT
+
 from datafactory.frame.deal import PreparedScene
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.readers.open import open_scene
 
-SCENES = Path(__file__).resolve().parents[1] / "scenes"
+SCENES = ROOT / "scenes"
+TINY, STREET = SCENES / "tiny.usda", SCENES / "street.usda"
 EFFECT_SCENES = SCENES / "effects"
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
+
+from prepared_scenes import TINY
 
 from datafactory.accuracy.knobs import Effort, Menu, Sample
 from datafactory.effects.catalogue import ALL
@@ -12,7 +13,6 @@ from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose
 from shared.radar import Radar
 
-TINY = Path(__file__).resolve().parents[1] / "scenes" / "tiny.usda"
 POSE = Pose((-10.0, 0.0, 0.5), yaw_deg=5.0, velocity=(4.0, 1.0, 0.0))
 EFFECTS = ALL.without("diffraction").without("refraction")
 """What the scene calls for, near enough, and quick."""

@@ -53,14 +53,6 @@ def plate(name: str, centre: Any, across: Any, up: Any, of: str, velocity=(0.0, 
     return mesh(name, [c - a - b, c + a - b, c + a + b, c - a + b], [[0, 1, 2], [0, 2, 3]], of, velocity)
 
 
-def box(name: str, low: Any, high: Any, of: str, velocity=(0.0, 0.0, 0.0)) -> SceneObject:
-    """A closed box, outward winding, eight shared vertices."""
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
-    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-    triangles = [part for a, b, c, d in quads for part in ((a, b, c), (a, c, d))]
-    return mesh(name, np.array(low) + corners * (np.array(high) - np.array(low)), triangles, of, velocity)
-
-
 def slabs(of: MergedScene) -> Slabs:
     """Of the meshes of a scene."""
     return Slabs(of.slabs, FREQUENCY_HZ)

@@ -14,12 +14,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from manual import ROOT
 from small_radar import write_small_radar
 
 if TYPE_CHECKING:
     from ray_cluster import Nodes
 
-ROOT = Path(__file__).resolve().parents[1]
 BIN = Path(sys.executable).parent
 HANG_S = 300.0
 """No command here takes a tenth of this on a machine of its own. Where others take the processor it may: a command

@@ -21,12 +21,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from manual import ROOT
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 from third_party import third_party
 
-ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("shared", "datafactory", "trainer")
 RUN_FILES = ("run.json", "weights.safetensors")
 SHIPPED = ROOT / "datafactory/src/datafactory/scenes/shipped"

@@ -6,14 +6,13 @@ Values that a user handles say what they are in one to five lines, the same in a
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from html import unescape
 from pathlib import Path
 
 import pytest
+from interpreter import python
+from prepared_scenes import STREET, TINY
 from small_dataset import make_dataset, make_frame
 from typer.testing import CliRunner
 
@@ -29,7 +28,6 @@ from shared.radar import Radar
 from trainer import RadarDataset, load_imager, pretrained_run
 from trainer.data.dataset import Example
 
-TINY = Path(__file__).resolve().parents[1] / "scenes" / "tiny.usda"
 PACKAGES = (shared, datafactory, trainer)
 WAVEFORM = """
 [waveform]
@@ -106,21 +104,12 @@ def radar_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def told(*arguments: object, error: bool = True, **environment: str) -> str:
-    """What a fresh interpreter prints."""
-    command = [sys.executable, *(["-W", "error"] if error else []), *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, encoding="utf-8",
-                          env={**os.environ, **environment})  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
 def test_a_stranger_renders_reads_and_images(radar_file: Path, tmp_path: Path) -> None:
     script = tmp_path / "stranger.py"
     script.write_text(STRANGER, encoding="utf-8")
     # A plan that is kept in the user's cache would not be made again.
     cache = str(tmp_path / "cache")
-    assert told(script, TINY, radar_file, tmp_path / "data", XDG_CACHE_HOME=cache) == "seen\n"
+    assert python("-W", "error", script, TINY, radar_file, tmp_path / "data", XDG_CACHE_HOME=cache) == "seen\n"
 
 
 def test_the_command_makes_the_bytes_that_the_function_makes(radar_file: Path, tmp_path: Path) -> None:
@@ -165,12 +154,13 @@ def test_every_public_name_is_there_and_documented(package: object) -> None:
 def test_a_rendering_process_starts_without_what_few_frames_need() -> None:
     """Every worker starts so; together these take more than a second."""
     dear = "'scipy.signal', 'scipy.stats', 'scipy.interpolate', 'trimesh', 'networkx', 'matplotlib'"
-    assert told("-c", f"import sys, datafactory.api.making; print(*{{{dear}}} & sys.modules.keys())").split() == []
+    script = f"import sys, datafactory.api.making; print(*{{{dear}}} & sys.modules.keys())"
+    assert python("-W", "error", "-c", script).split() == []
 
 
 @pytest.mark.parametrize("program", ["datafactory", "trainer"])
 def test_a_package_is_a_program(program: str) -> None:
-    assert f"Usage: python -m {program}" in told("-m", program, "--help")
+    assert f"Usage: python -m {program}" in python("-W", "error", "-m", program, "--help")
 
 
 DECISIONS = (Decision("specular", True, "", "", -3.0), Decision("refraction", False, "", "", -90.0))
@@ -179,7 +169,7 @@ DECISIONS = (Decision("specular", True, "", "", -3.0), Decision("refraction", Fa
 VALUES: dict[str, tuple[Callable[[], Told], list[str]]] = {
     "Radar": (Radar, ["77 GHz", "128 chirps of 1024", "3 TX x 16 RX, 48", "630 x 450", "0.15 m", "94 mm wide"]),
     "Array": (lambda: Radar().array, ["3 TX x 16 RX, 48 virtual channels, 94 mm wide, 0 mm high"]),
-    "Scene": (lambda: load_scene(TINY.with_name("street.usda")),
+    "Scene": (lambda: load_scene(STREET),
               ["scene street", "310 objects", "13 point targets", "40 of them move", "warned: 13"]),
     "Plan": (lambda: ScenePlan(EffectPlan("street", -30.0, DECISIONS, {}), 8, {"specular": 0.25}, None),
              ["on: specular", "off: refraction", "8 frames", "-30 dB", "0.25 processor seconds"]),

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import product
+
 import numpy as np
 
 from datafactory.scenes.scene import Scene, SceneObject
 
-BOX_QUADS = [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
+BOX_QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
 BOX_TRIANGLES = np.array([t for a, b, c, d in BOX_QUADS for t in ((a, b, c), (a, c, d))], dtype=np.int32)
 
 
 def box(name, lower, upper, material="concrete", velocity=(0.0, 0.0, 0.0)):
-    (x0, y0, z0), (x1, y1, z1) = lower, upper
-    floor = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]]
-    vertices = np.array([[x, y, z] for z in (z0, z1) for x, y in floor], dtype=np.float64)
+    """A closed box, outward winding, eight shared vertices."""
+    vertices = np.array(list(product(*zip(lower, upper, strict=True))), dtype=np.float64)
     return SceneObject(name, vertices, BOX_TRIANGLES, material, velocity)
 
 
@@ -36,7 +38,9 @@ BUILDINGS = [
 CAR = box("car", (3.0, 2.0, 0.3), (7.0, 4.0, 1.5), "metal", (8.0, 0.0, 0.0))
 POLE = box("pole", (30.0, -3.05, 0.0), (30.1, -2.95, 4.0), "metal")
 PLATE = sheet("floor", (-110.0, 110.0), (-50.0, 50.0), flat)
-TOWN = Scene("town", (PLATE, *BUILDINGS, CAR, POLE))
+BARE = Scene("town", (PLATE, *BUILDINGS))
+TOWN = Scene("town", (*BARE.objects, CAR, POLE))
+ROAD = sheet("/World/Main_Street/mesh", (-110.0, 110.0), (-4.0, 4.0), lambda x, y: 0.02)
 
 SLOPE = 0.04
 """Of the hill on which the two blocks stand."""
@@ -44,11 +48,9 @@ SLOPE = 0.04
 
 def block(name: str, low: tuple[float, float, float], high: tuple[float, float, float], slope: float) -> SceneObject:
     """A box whose floor and roof follow a slope along x."""
-    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-    corners[:, 2] += slope * corners[:, 0]
-    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-    triangles = [part for a, b, c, d in quads for part in ((a, b, c), (a, c, d))]
-    return SceneObject(name, corners, np.array(triangles, dtype=np.int32), "concrete")
+    upright = box(name, low, high)
+    rise = slope * upright.vertices[:, :1] * [0.0, 0.0, 1.0]
+    return replace(upright, vertices=upright.vertices + rise)
 
 
 def two_blocks(slope: float = SLOPE, half_width: float = 11.0) -> Scene:

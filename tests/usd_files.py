@@ -31,6 +31,7 @@ MOVING = """def Xform "car" {
     def Mesh "house" {
     CUBE
     }""".replace("CUBE", CUBE)
+"""A cube that drives to and fro along the stage's z, and one that stands."""
 SPLINE = """def Mesh "m" {
       CUBE
       double xformOp:translateX.spline = {
@@ -41,7 +42,6 @@ SPLINE = """def Mesh "m" {
       uniform token[] xformOpOrder = ["xformOp:translateX"]
     }""".replace("CUBE", CUBE)
 """From 0 to 6 m in a second, held there for one, then at 10 m."""
-"""A cube that drives to and fro along the stage's z, and one that stands."""
 
 
 def write_usda(folder: Path, body: str, metadata: str = METRES_Z_UP, name: str = "stage.usda") -> Path:

@@ -23,6 +23,7 @@ from scipy.signal import fftconvolve
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
+from manual import ROOT
 from prepared_scenes import prepared_scene
 
 from datafactory.effects.catalogue import ALL
@@ -41,7 +42,6 @@ from shared.radar import Radar
 
 Real = NDArray[np.float64]
 
-REPOSITORY = Path(__file__).resolve().parents[2]
 WINDOW_M = {Style.MOTORWAY: 90.0}
 """Half the width of a picture; of all others 75 m."""
 
@@ -157,7 +157,7 @@ def main() -> None:
     parser.add_argument("--scene", type=Path, help="for above: 240 m around its origin")
     parser.add_argument("--rays", type=int, default=20_000)
     parser.add_argument("--style", choices=[style.value for style in Style], help="all without")
-    parser.add_argument("--out", type=Path, default=REPOSITORY / "docs" / "cities.png")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "cities.png")
     given = parser.parse_args()
     styles = [Style(given.style)] if given.style else list(Style)
     with tempfile.TemporaryDirectory() as folder:

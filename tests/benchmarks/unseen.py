@@ -15,7 +15,7 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from ego_motion import difference, judged_frames, row, scores
+from ego_motion import VIEWS, difference, judged_frames, row, scores
 
 from trainer.data.arrays import choose_array
 from trainer.metrics.bootstrap import bootstrap_mean
@@ -24,7 +24,6 @@ from trainer.run.answers import Answer, array_answer, network_answer
 from trainer.run.folder import load_imager
 from trainer.run.pretrained import pretrained_run
 
-VIEWS = ("iaa-view", "likes-view", "likes-view-ego")
 FULL, REFERENCE = "full", "likes-view-ego"
 
 

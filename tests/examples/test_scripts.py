@@ -6,7 +6,6 @@ import json
 import os
 import re
 import runpy
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -15,19 +14,17 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import typer
+from examples_run import EXAMPLES, example
+from manual import ROOT
 from PIL import Image, ImageSequence
 from typer.testing import CliRunner
 
 from shared.radar import load_radar
 
-TRUCK = Path(__file__).parents[2] / "examples" / "truck.py"
 
-
-@pytest.mark.slow
 def test_the_truck_is_seen_where_it_is_and_as_fast_as_it_is(tmp_path):
     out = tmp_path / "truck"
-    command = [sys.executable, str(TRUCK), "--out", str(out), "--frames", "2", "--rays", "30000"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = example("truck", "--out", out, "--frames", 2, "--rays", 30_000)
     assert done.returncode == 0, done.stderr
     found = re.search(r"detected in 2 of 2 frames, velocity off by ([0-9.]+) m/s rms", done.stdout)
     assert found is not None, done.stdout
@@ -40,21 +37,15 @@ def test_the_truck_is_seen_where_it_is_and_as_fast_as_it_is(tmp_path):
     assert {0, -8} <= set(np.round(np.asarray(velocity)).astype(int).tolist())
 
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
-
-
 def drawn(name: str, out: Path) -> str:
     """What an example prints as it draws its picture."""
-    done = subprocess.run(
-        [sys.executable, str(EXAMPLES / f"{name}.py"), str(out)], capture_output=True, text=True, check=False
-    )
+    done = example(name, out)
     assert done.returncode == 0, done.stderr
     with Image.open(out) as picture:
         assert min(picture.size) > 400
     return done.stdout
 
 
-@pytest.mark.slow
 def test_the_lobes_above_three_grounds_are_those_of_the_two_ray_model(tmp_path: Path) -> None:
     said = drawn("ground_bounce", tmp_path / "bounce.png")
     apart = [float(found) for found in re.findall(r"at most ([0-9.]+) dB apart", said)]
@@ -62,12 +53,11 @@ def test_the_lobes_above_three_grounds_are_those_of_the_two_ray_model(tmp_path: 
     assert max(apart) < 0.01
 
 
-@pytest.mark.slow
 def test_walker_and_car_are_drawn(tmp_path: Path) -> None:
     drawn("micro_doppler", tmp_path / "doppler.png")
 
 
-FOLLOW = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "follow.py"))
+FOLLOW = runpy.run_path(str(EXAMPLES / "follow.py"))
 
 
 def test_a_target_that_walks_away_is_followed(tmp_path: Path) -> None:
@@ -98,7 +88,6 @@ def test_each_frame_is_read_once_when_it_is_whole(tmp_path: Path) -> None:
     assert found == [(0, 1), (2, 3)]
 
 
-ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "tests" / "trainer"))
 
 from small_evaluation import RADAR, THIN, make_run, strong_frame  # noqa: E402
@@ -130,7 +119,7 @@ def ran(monkeypatch: pytest.MonkeyPatch, name: str, *arguments: object, **enviro
     monkeypatch.setattr("sys.argv", [name, *map(str, arguments)])
     for variable, value in environment.items():
         monkeypatch.setitem(os.environ, f"EXAMPLES_{variable}", value)
-    runpy.run_path(str(ROOT / "examples" / f"{name}.py"), run_name="__main__")
+    runpy.run_path(f"{EXAMPLES / name}.py", run_name="__main__")
 
 
 def test_networks_of_more_scenes_are_held_against_those_of_fewer(
@@ -149,7 +138,6 @@ def test_networks_of_more_scenes_are_held_against_those_of_fewer(
         ran(monkeypatch, "worlds", unseen(tmp_path / "seen", "city 0"), *runs, **given)
 
 
-@pytest.mark.slow
 def test_a_variant_is_trained_once_and_compared(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -159,5 +147,5 @@ def test_a_variant_is_trained_once_and_compared(
     for _ in range(2):
         ran(monkeypatch, "ablation", data, "spectral-unet", ARRAY="full", OUT=str(tmp_path), STEPS="1", TRIALS="2")
         assert "| unet | " in capsys.readouterr().out
-    for changes in runpy.run_path(str(ROOT / "examples/ablation.py"))["VARIANTS"].values():
+    for changes in runpy.run_path(str(EXAMPLES / "ablation.py"))["VARIANTS"].values():
         FitConfig.model_validate(changes)

@@ -8,22 +8,14 @@ from __future__ import annotations
 
 import json
 import pickle
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from boxed_frames import RADAR, box, frame, write
+from examples_run import example
 
-SCRIPT = Path(__file__).parents[2] / "examples" / "to_raddet.py"
 STEP_M = RADAR.waveform.range_step_m
-
-
-def run(source: Path, out: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, str(SCRIPT), str(source), "--out", str(out)], capture_output=True, text=True, check=False
-    )
 
 
 def load(folder: Path, split: str) -> dict[int, tuple[np.ndarray, dict]]:
@@ -70,7 +62,7 @@ def test_the_loader_finds_targets_where_their_boxes_are(tmp_path: Path) -> None:
     tram, hidden, far = box(12.0, 3.0, "tram"), box(15.0, 0.0, power=0.0), box(40.0, 0.0)
     frames = [frame(0, [left]), frame(1, [right]), frame(2, [right, tram, hidden, far]), frame(3, [tram])]
     source = write(tmp_path / "data", frames, ["train", "validation", "test", "train"])
-    done = run(source, tmp_path / "out")
+    done = example("to_raddet", source, "--out", tmp_path / "out")
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.splitlines() == [
         f"3 frames in {tmp_path / 'out'}",
@@ -111,6 +103,6 @@ def test_the_loader_finds_targets_where_their_boxes_are(tmp_path: Path) -> None:
 )
 def test_a_dataset_without_what_it_needs_is_refused(store: str, boxes: list, message: str, tmp_path: Path) -> None:
     source = write(tmp_path / "data", [frame(0, boxes, store)], ["train"], store)
-    done = run(source, tmp_path / "out")
+    done = example("to_raddet", source, "--out", tmp_path / "out")
     assert (done.returncode, message in done.stderr) == (2, True)
     assert [path.name for path in tmp_path.iterdir()] == ["data"]

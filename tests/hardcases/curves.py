@@ -31,7 +31,7 @@ def _body(of: Mesh, centre: ArrayLike = (6.0, 0.0, 0.0)) -> SceneObject:
 
 def _echo(paths: PathTable) -> complex:
     """Sum of all amplitudes; NaN where there is none."""
-    amplitudes = np.concatenate([paths.scattered.amplitude, paths.specular.amplitude])
+    amplitudes = paths.every("amplitude")
     return complex(amplitudes.sum()) if len(amplitudes) else complex("nan")
 
 
@@ -49,7 +49,7 @@ def _around_the_sensor() -> float:
         (tube(3.0, 20.0, 40), (0.0, 1e-3, 0.0)),
     ):
         paths = traced([_body(of, centre)])
-        every = np.concatenate([paths.scattered.amplitude, paths.specular.amplitude])
+        every = paths.every("amplitude")
         frame = frame_of(paths.within(radar).illuminated(radar.front_end), radar, noise=False)
         wrong += not_finite_paths(paths) + not_finite(frame) + int((np.abs(every) > 1.0).sum())
     return float(wrong)

@@ -65,7 +65,7 @@ def _vacuum_pane() -> float:
     paths, metal = traced([wall_ahead(5.0, "vacuum", "pane")]), traced([wall_ahead(5.0)])
     if not_finite_paths(paths):
         return np.inf
-    echoes = np.concatenate([paths.scattered.amplitude, paths.specular.amplitude])
+    echoes = paths.every("amplitude")
     return float(np.abs(echoes).sum() / np.abs(metal.specular.amplitude).sum())
 
 

@@ -20,6 +20,7 @@ import pytest
 import ray_work
 from command_line import ended
 from factory_command import shards
+from prepared_scenes import TINY
 from processes import wait_for
 from ray_cluster import add_node, kill_node, ray_cluster
 from s3_server import KEY, SECRET, Server
@@ -28,7 +29,6 @@ from datafactory import RunFailed, render
 from datafactory.run import pipeline, preparation
 from shared.physics.errors import InputError
 
-SCENES = Path(__file__).parents[2] / "scenes"
 POINTS = ("points", "--frames", 30, "--seed", 3, "--workers", 1)
 """Five shards."""
 
@@ -85,7 +85,7 @@ def require_no_secret(server: Server, tmp_path: Path) -> None:
         ("one", ("--workers", 1)),
         ("two", ("--workers", 2)),
         # Only the command writes: the nodes need not reach the store.
-        pytest.param("cluster", ("--workers", 2, "--engine", "ray"), marks=pytest.mark.slow),
+        ("cluster", ("--workers", 2, "--engine", "ray")),
     ],
 )
 def test_the_objects_are_the_files_of_a_local_run(name, how, server, radar_file, reference, tmp_path):
@@ -156,7 +156,7 @@ def test_a_store_that_fails_in_mid_run_is_one_line_and_resumed(workers, status, 
 
 def test_traced_paths_lie_in_the_store_as_well(server, radar_file, tmp_path):
     asked = ("--radar", radar_file, "--workers", 1)
-    traced = ("trace", SCENES / "tiny.usda", "--frames", 2, "--rays", 500, "--effects", "diffuse,noise", *asked)
+    traced = ("trace", TINY, "--frames", 2, "--rays", 500, "--effects", "diffuse,noise", *asked)
     for paths, data in ((str(tmp_path / "paths"), str(tmp_path / "data")), (server.uri("paths"), server.uri("data"))):
         done = command(*traced, "--out", paths)
         assert done.status == 0, done.err
@@ -177,8 +177,6 @@ ENDS_S = 60.0
 """Within this what was killed has ended."""
 
 WAITING = r"no node of the cluster has a core and 0\.\d GB of memory for tasks: waiting"
-
-pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ import pytest
 import torch
 from factory_command import run
 from fuzzing import flipped
-from prepared_scenes import SCENES
+from prepared_scenes import TINY
 from pydantic import BaseModel
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "trainer"))
@@ -152,7 +152,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     radar = ("--radar", folder / "radar.toml", "--workers", 1)
     run("points", "--frames", 8, *radar, "--out", folder / "frames")
     effects = ("--effects", "specular,diffuse")
-    run("trace", "--scene", SCENES / "tiny.usda", "--frames", 2, "--rays", 100, *effects, *radar, "--out",
+    run("trace", "--scene", TINY, "--frames", 2, "--rays", 100, *effects, *radar, "--out",
         folder / "paths")  # fmt: skip
     return folder
 
@@ -172,7 +172,6 @@ def data_of(content: bytes) -> Any:
         return content
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", READS)
 def test_no_flipped_bit_is_read_silently(kind: str, made: Path, generator: np.random.Generator) -> None:
     folder, copy = made / kind, made / "copy"

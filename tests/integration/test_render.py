@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from factory_command import but_made, run, shards
+from factory_command import but_made, frames_of, run, shards
+from prepared_scenes import TINY
 from town_scenes import flat, sheet
 
 from datafactory.api.asking import order_of
@@ -27,14 +28,11 @@ from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, Scene
 from shared.dataset import arrow_schema
-from shared.dataset.folder import open_dataset, verify
+from shared.dataset.folder import open_dataset, read_manifest, verify
 from shared.dataset.reading import open_shard, read_description
 from shared.physics.errors import InputError
 from shared.radar import load_radar
 from shared.signal import if_signal, target_amplitudes
-
-SCENES = Path(__file__).parents[2] / "scenes"
-TINY = SCENES / "tiny.usda"
 
 TWELVE = ("--frames", 9, "--points", 3, "--workers", 1)
 
@@ -52,15 +50,12 @@ def dataset(tmp_path_factory, radar_file) -> Path:
 def test_the_dataset_is_whole_split_by_the_pattern_counted_and_of_the_schema_that_was_meant(dataset):
     opened = open_dataset(dataset)
     assert verify(opened) == []
-    kinds = {}
-    for split in ("train", "validation", "test"):
-        for frame in opened.frames(split):
-            kinds[frame.frame_id] = (split, frame.kind)
+    kinds = {frame_id: (split, frame.kind) for frame_id, (split, frame) in frames_of(dataset).items()}
     assert sorted(kinds) == list(range(12))
     assert {index for index, (split, _) in kinds.items() if split == "validation"} == {6}
     assert {index for index, (split, _) in kinds.items() if split == "test"} == {7}
     assert [kinds[index][1] for index in range(12)] == ["scene"] * 9 + ["points"] * 3
-    counts = json.loads((dataset / "manifest.json").read_text(encoding="utf-8"))["counts"]
+    counts = read_manifest(dataset)["counts"]
     assert {name for name in counts if not name.startswith(FRAMES_WITH)} <= set(MEANINGS)
     # Down to the elements of the lists, never null: a list whose elements may be costs a quarter more to read.
     for shard in opened.splits["train"]:

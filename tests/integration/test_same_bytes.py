@@ -6,13 +6,10 @@ import json
 from pathlib import Path
 
 import pytest
-from factory_command import but_made, run, shards
-from prepared_scenes import SCENES
+from factory_command import but_made, frames_of, run, shards
+from prepared_scenes import TINY
 
-from shared.dataset.folder import open_dataset
 from shared.physics.errors import InputError
-
-TINY = SCENES / "tiny.usda"
 
 
 def test_rendered_traced_and_rendered_from_traces(radar_file: Path, tmp_path: Path) -> None:
@@ -52,7 +49,7 @@ MADE_OF = ("brick", "glass", "wood", "plasterboard", "marble")
 @pytest.fixture
 def scenes(tmp_path: Path) -> list[Path]:
     """Five scenes: a file each, all of one shape."""
-    text = (SCENES / "tiny.usda").read_text(encoding="utf-8")
+    text = TINY.read_text(encoding="utf-8")
     paths = [tmp_path / f"scene{number}.usda" for number in range(len(MADE_OF))]
     for path, material in zip(paths, MADE_OF, strict=True):
         path.write_text(text.replace("brick", material), encoding="utf-8")
@@ -82,6 +79,5 @@ def test_traced_now_and_rendered_later_is_rendered_at_once(
         "--out", tmp_path / "later")  # fmt: skip
     once = shards(tmp_path / "once")
     assert shards(tmp_path / "later") == once
-    frames = [frame for split in open_dataset(tmp_path / "once").splits for frame in
-              open_dataset(tmp_path / "once").frames(split)]  # fmt: skip
-    assert len({frame.scene for frame in frames if frame.kind == "scene"}) == count
+    frames = frames_of(tmp_path / "once").values()
+    assert len({frame.scene for _, frame in frames if frame.kind == "scene"}) == count

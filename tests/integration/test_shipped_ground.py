@@ -8,13 +8,11 @@ other; of the drives after those, whose traffic was put in with other seeds, eac
 from __future__ import annotations
 
 import csv
-import os
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
+from interpreter import python
 from manual import ROOT
 from numpy.typing import NDArray
 
@@ -59,8 +57,7 @@ def content_of(source: str, populate: str | None, kernels: str) -> str:
     """The content hash of a scene where OpenBLAS has the kernels of that processor, by a process of its own."""
     load = f"load_scene({source!r}, populate={populate!r})"
     code = f"from datafactory.api.asking import load_scene; print({load}.content_hash())"
-    command, environment = [sys.executable, "-c", code], {**os.environ, "OPENBLAS_CORETYPE": kernels}
-    return subprocess.run(command, env=environment, capture_output=True, check=True, text=True).stdout.strip()
+    return python("-c", code, OPENBLAS_CORETYPE=kernels).strip()
 
 
 def apart(trained: Ground, made: Ground) -> bool:

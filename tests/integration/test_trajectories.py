@@ -8,18 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from factory_command import run, shards
+from factory_command import frames_of, run, shards
 from numpy.typing import NDArray
-from prepared_scenes import SCENES
+from prepared_scenes import EFFECT_SCENES, TINY
 from small_radar import write_small_radar
 
 from datafactory import Pose, render
 from shared.dataset import Frame
-from shared.dataset.folder import open_dataset, read_manifest
+from shared.dataset.folder import read_manifest
 from shared.physics.errors import InputError
 
 ROWS = "time,x,y,z,yaw_deg\n0,-10,0,0.5,0\n0.2,-9,0,0.5,0\n0.4,-8,0,0.5,5\n"
-TINY = str(SCENES / "tiny.usda")
 EFFECTS = "specular,diffuse,doppler,rcs_targets,noise"
 FEW = ("--rays", "500", "--effects", EFFECTS, "--workers", "1")
 
@@ -30,11 +29,6 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_small_radar(folder)
     (folder / "track.csv").write_text(ROWS, encoding="utf-8")
     return folder
-
-
-def frames_of(folder: Path) -> dict[int, tuple[str, Frame]]:
-    dataset = open_dataset(folder)
-    return {frame.frame_id: (split, frame) for split in dataset.splits for frame in dataset.frames(split)}
 
 
 def test_a_file_is_a_sequence_at_the_rate_that_is_asked_for(files: Path, tmp_path: Path) -> None:
@@ -105,7 +99,7 @@ def test_what_stands_gives_the_same_image_again_and_a_small_step_a_nearly_equal_
     here = Pose((40.0, 0.0, 0.5))
     track = [here, Pose((40.0002, 0.0, 0.5), time_s=0.1), Pose((40.0, 0.0, 0.5), time_s=7.0)]
     asked: dict[str, Any] = {"radar": files / "small.toml", "rays": 4000, "effects": "all", "noise": False}
-    wall, stopped = str(SCENES / "effects" / "wall.usda"), tmp_path / "stopped.json"
+    wall, stopped = str(EFFECT_SCENES / "wall.usda"), tmp_path / "stopped.json"
     entries = [{"time": pose.time_s, "position": pose.position, "velocity": [0.0, 0.0, 0.0]} for pose in track]
     stopped.write_text(json.dumps(entries), encoding="utf-8")
     render(wall, tmp_path / "sequence", trajectory=stopped, **asked)

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 from matplotlib.figure import Figure
-from sampled_frames import MENU, POSE, TINY, order_of_two, samples_of
+from prepared_scenes import TINY
+from sampled_frames import MENU, POSE, order_of_two, samples_of
 from typer.testing import CliRunner
 
 from datafactory.accuracy import report, study

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from oracles import doppler_filtered, if_cube, peak_error_db, relative_error
 from path_tables import a_table
-from sampled_frames import EFFECTS, MENU, POSE, TINY, order_of_two, samples_of
+from prepared_scenes import TINY
+from sampled_frames import EFFECTS, MENU, POSE, order_of_two, samples_of
 
 from datafactory.accuracy import budget
 from datafactory.accuracy.budget import HONEST_DB, check, first_middle_last
@@ -39,7 +40,7 @@ from datafactory.paths.solver import TraceSettings
 from datafactory.run.pipeline import Execution, render
 from datafactory.run.preparation import Order
 from datafactory.scenes.materials.table import load_materials
-from shared.dataset.folder import open_dataset
+from shared.dataset.folder import open_dataset, read_manifest
 from shared.physics.errors import InputError
 from shared.signal.imaging import sweep_moments
 
@@ -164,7 +165,7 @@ def settled(order: Order, level_db: float, menu: Menu, said: list[str], folder: 
 
 
 def entry_of(folder: Path) -> dict:
-    return json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["error_budget"]
+    return read_manifest(folder)["error_budget"]
 
 
 def test_a_budget_on_two_scenes_is_settled_once_kept_and_checked(variant, radar, tmp_path, monkeypatch) -> None:

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import json
 import re
-from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 from command_line import ended
 from factory_command import refused
+from prepared_scenes import EFFECT_SCENES, SCENES
 from typer.main import get_params_from_function
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
 from datafactory.inspection.dataset import MEANINGS, told
-from datafactory.inspection.doctor import Finding
 from shared.cli.console import plain_console, table
+from shared.dataset.folder import read_manifest
 
-SCENES = Path(__file__).parents[3] / "scenes"
 COMMANDS = sorted(info.callback.__name__ for info in app.registered_commands if info.callback)
 
 
@@ -46,7 +44,7 @@ def test_an_interrupted_command_says_how_to_go_on(
 
 SEED = "123456789012345678901234567890"
 SMALL = "[waveform]\nsamples = 4\nchirps = 2\n"
-POSES = str(SCENES / "effects" / "wall.poses.json")
+POSES = str(EFFECT_SCENES / "wall.poses.json")
 TINY = ("render", "shipped:tiny")
 REFUSED = [
     (("render",), "--scene: missing; expected a scene file or sionna:NAME, or --paths"),
@@ -61,7 +59,6 @@ REFUSED = [
     ((*TINY, "--frames", "0", "--points", "2"), "--scene: beside --frames 0, which makes none of it; expected one of"),
     ((*TINY, "--scene", "~/x.usda"), "--scene: '~/x.usda': ~ was not replaced by the home folder; expected the path"),
     ((*TINY, "--materials", "~/x.toml"), "--materials: '~/x.toml': ~ was not replaced by the home folder"),
-    (("render", "sionna:atlantis"), "sionna:atlantis: "),
     ((*TINY, "--frame-rate", "5"), "--frame-rate: without --trajectory"),
     ((*TINY, "--trajectory", "none.csv"), "none.csv: cannot be read: No such file"),
     ((*TINY, "--trajectory", "drive", "--trajectory", "a.csv"), "--trajectory: 'drive' beside others"),
@@ -92,7 +89,6 @@ REFUSED = [
 """What no file of ours is asked for, and the line."""
 FILES = [
     (("points", "--radar"), "[grid]\nbins = 10000000", "FILE: grid.bins = 10000000; expected"),
-    ((*TINY, "--materials"), "[glass", "FILE: malformed TOML"),
     (("points", "--workers", "1", "--radar"), f"{SMALL}range_bins = 2", "--radar: waveform.range_bins = 2 leaves no"),
 ]
 """What is asked of a file, its text, and the line."""
@@ -131,7 +127,7 @@ def test_a_virtual_sensor_of_one_element_has_no_lobe(tmp_path: Path, monkeypatch
         out = tmp_path / f"out{number}"
         arguments = ["points", "--frames", "1", "--radar", str(tmp_path / "radar.toml"), "--out", str(out)]
         assert CliRunner().invoke(app, [*arguments, "--workers", "1"], catch_exceptions=False).exit_code == 0
-        assert json.loads((out / "manifest.json").read_text(encoding="utf-8"))["truth"]["width_u"] is None
+        assert read_manifest(out)["truth"]["width_u"] is None
 
 
 def written_help(command: str) -> list[str]:
@@ -180,20 +176,12 @@ def test_the_version_is_that_of_the_distribution() -> None:
         (["plan", "sionna:munch"], "'munich'"),
         (["plan", str(SCENES / "tine.usda")], "'tiny.usda'"),
         (["points", "--store", "cub", "--out", "x"], "'cube'"),
-        (["render", str(SCENES / "tiny.usda"), "--effects", "difuse", "--out", "x"], "'diffuse'"),
+        (["render", str(TINY), "--effects", "difuse", "--out", "x"], "'diffuse'"),
     ],
 )
 def test_a_slip_of_the_pen_is_answered_with_what_was_meant(arguments: list[str], meant: str) -> None:
     line = refused(*arguments)
     assert re.search(rf"([Dd]id you mean|Possible options:.*) {re.escape(meant)}", line), line
-
-
-def test_doctor_as_json_holds_the_findings(monkeypatch: pytest.MonkeyPatch) -> None:
-    finding = Finding("LLVM", "15 [old]", False, "pip install", required=True)
-    monkeypatch.setattr("datafactory.inspection.doctor.examine", lambda: [finding])
-    result = CliRunner().invoke(app, ["doctor", "--json"])
-    assert result.exit_code == 1
-    assert json.loads(result.stdout) == [asdict(finding)]
 
 
 def test_counts_are_told_in_words_where_they_are_asked_for() -> None:

@@ -163,6 +163,10 @@ def test_a_command_hands_on_what_was_stated_and_its_own_defaults() -> None:
         ({"poses": 5}, "--poses: 5; expected Pose objects, or a file"),
         ({"poses": []}, "--poses: []; expected one pose or more"),
         ({"trajectory": [5]}, "--trajectory: 5; expected Pose objects, or a file"),
+        (
+            {"trajectory": [Pose((0.0, 0.0, 0.5))]},
+            "--trajectory: a pose in place of a track; expected tracks in a list, each a sequence of poses",
+        ),
         ({"trajectory": 5}, "--trajectory: 5; expected drives, or files or tracks of poses, one or more"),
         ({"trajectory": []}, "--trajectory: []; expected drives, or files or tracks of poses, one or more"),
         ({"populate": {"cars": 2}}, "--populate: {'cars': 2}; expected text such as 'cars=20,parked=0.6'"),

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from prepared_scenes import SCENES
-from sionna_scenes import box
-from town_scenes import BUILDINGS, PLATE
+from town_scenes import BARE, box
 
 from datafactory.frame.deal import NEIGHBOURS_M, Deal, StoredRow, dealt
 from datafactory.frame.draws import drawn_scene, frame_seed, generator, parse_split_pattern, sequence_seed, split_of
@@ -114,9 +113,6 @@ def test_point_frames_follow_the_scene_frames() -> None:
         _ = deal.frame(6).where
 
 
-TOWN = Scene("town", (PLATE, *BUILDINGS))
-
-
 def rows(*of_frames: tuple[int, int]) -> tuple[StoredRow, ...]:
     """Of frames by scene and sequence."""
     return tuple(StoredRow(Path("part-00000.parquet"), row, *said) for row, said in enumerate(of_frames))
@@ -164,27 +160,27 @@ def test_frames_of_a_track_share_rays_and_cycles_and_have_noise_of_their_own() -
 
 
 def order(**values: object) -> Order:
-    return Order(radar=Radar(), scenes=(TOWN,), **values)  # type: ignore[arg-type]
+    return Order(radar=Radar(), scenes=(BARE,), **values)  # type: ignore[arg-type]
 
 
 def test_drives_are_dealt_to_scenes_and_splits_and_the_last_is_cut() -> None:
     drives = Drives(speed_mps=4.0, seconds=0.5, rate_hz=10.0)
     asked = order(frames=38, drives=drives, seed=2)
-    deal = dealt(asked, (TOWN, TOWN))
+    deal = dealt(asked, (BARE, BARE))
     assert [len(each) for each in deal.tracks] == [5] * 7 + [3]
     assert deal.track_scenes == tuple(drawn_scene(number, 2) for number in range(8))
     assert deal.splits().count("test") == 3
     assert deal.splits().count("validation") == 5
-    shorter = dealt(order(frames=12, drives=drives, seed=2), (TOWN, TOWN))
+    shorter = dealt(order(frames=12, drives=drives, seed=2), (BARE, BARE))
     assert shorter.tracks[:2] == deal.tracks[:2]  # how many follow changes nothing
-    assert dealt(order(frames=12, drives=drives, seed=3), (TOWN, TOWN)).tracks[0] != deal.tracks[0]
+    assert dealt(order(frames=12, drives=drives, seed=3), (BARE, BARE)).tracks[0] != deal.tracks[0]
 
 
 def test_asked_speeds_are_those_of_poses_and_of_drives() -> None:
-    poses = dealt(order(frames=8, speed_mps=(10.0, 12.0)), (TOWN,))
+    poses = dealt(order(frames=8, speed_mps=(10.0, 12.0)), (BARE,))
     speeds = [math.hypot(*poses.frame(index).where.velocity[:2]) for index in range(8)]
     assert 10.0 <= min(speeds) < max(speeds) <= 12.0
-    drives = dealt(order(frames=10, drives=Drives(seconds=0.5), speed_mps=(1.0, 2.0)), (TOWN,))
+    drives = dealt(order(frames=10, drives=Drives(seconds=0.5), speed_mps=(1.0, 2.0)), (BARE,))
     assert 0.0 < max(math.hypot(*pose.velocity) for track in drives.tracks for pose in track) <= 2.0 * (1.0 + 1e-6)
 
 
@@ -212,8 +208,8 @@ def test_drawn_drives_that_are_slow_or_alike_are_said() -> None:
 def test_poses_under_the_ground_are_said() -> None:
     low = Pose((0.0, 0.0, -0.5))
     for given in ({"poses": (low, POSES[0])}, {"tracks": ((low, POSES[0]),), "track_scenes": (0,)}):
-        deal = Deal(scenes=1, traffic=(Movers(TOWN),), **given)
-        assert deal.remarks([TOWN]) == ["town: 1 of 2 poses are under the ground or inside something"]
+        deal = Deal(scenes=1, traffic=(Movers(BARE),), **given)
+        assert deal.remarks([BARE]) == ["town: 1 of 2 poses are under the ground or inside something"]
 
 
 def test_scenes_without_a_frame_are_said() -> None:

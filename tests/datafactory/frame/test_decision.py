@@ -23,7 +23,15 @@ from datafactory.frame.points import target_list
 from datafactory.paths.candidates import EDGE, PANE, TWICE, Candidates
 from datafactory.paths.cells import cell_power
 from datafactory.paths.solver import TraceSettings
-from datafactory.paths.table import DIFFRACTED, DIFFUSE, REFRACTED, PathTable, ScatteredPaths, SpecularPaths
+from datafactory.paths.table import (
+    DIFFRACTED,
+    DIFFUSE,
+    REFRACTED,
+    SPECULAR,
+    PathTable,
+    ScatteredPaths,
+    SpecularPaths,
+)
 from datafactory.scenes.boxes import SeenThing
 from datafactory.scenes.poses import Pose
 from shared.dataset.folder import open_dataset
@@ -144,7 +152,7 @@ def test_the_change_by_the_pattern_is_that_of_the_illuminated_amplitudes(generat
 
     def lit(front_end: FrontEnd) -> np.ndarray:
         illuminated = table.illuminated(front_end)
-        return np.concatenate([illuminated.scattered.amplitude, illuminated.specular.amplitude])
+        return illuminated.every("amplitude")
 
     with_pattern = lit(radar.front_end)
     without = lit(radar.front_end.with_boresight_gain())
@@ -315,11 +323,8 @@ def test_power_is_that_of_the_paths_off_its_own_parts() -> None:
     scattered = ScatteredPaths.of_points(
         np.ones((5, 3)), np.zeros((5, 3)), 1j * np.array([1.0, 2.0, 5.0, 3.0, 7.0]), index
     )
-    one = np.ones(1)
-    specular = SpecularPaths(
-        np.ones((1, 3)), np.zeros((1, 3)), np.eye(3)[None], amplitude=4.0 * one.astype(np.complex128),
-        depth=one.astype(np.int8), object_index=np.array([2], dtype=np.int32), kinds=one.astype(np.uint8),
-    )  # fmt: skip
+    image, still, axes, wheel = np.ones((1, 3)), np.zeros((1, 3)), np.eye(3)[None], np.array([2], dtype=np.int32)
+    specular = SpecularPaths.of(image, still, axes, np.array([4.0 + 0j]), wheel, SPECULAR)
     ((box,), _) = boxes_of([CAR], replace(NOTHING, scattered=scattered, specular=specular), RADAR)
     assert box.power == pytest.approx(1.0 + 4.0 + 9.0 + 16.0)
     ((hidden,), _) = boxes_of([CAR], NOTHING, RADAR)

@@ -8,12 +8,11 @@ from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pytest
-import typer
 from factory_command import run
 from typer.testing import CliRunner
 from usd_files import CUBE, METRES_Z_UP, cube, ops, read, translated, write_usda
 
-from datafactory.cli.inspection import doctor as command
+from datafactory.cli.app import app
 from datafactory.inspection import doctor
 from datafactory.inspection.doctor import Finding
 from datafactory.inspection.scene import SceneReport, examine_scene
@@ -131,10 +130,6 @@ def test_scenes_are_listed_by_the_names_that_scene_takes() -> None:
     assert "sionna:munich" in shown
 
 
-application = typer.Typer()
-application.command()(command)
-
-
 def by_item(findings):
     return {finding.item: finding for finding in findings}
 
@@ -238,12 +233,13 @@ def test_little_memory_and_disk_are_noted(quick, monkeypatch):
     [
         (Finding("thing", "here", True), 0),
         (Finding("thing", "missing", False, "pip install thing", required=False), 0),
-        (Finding("thing", "missing", False, "pip install thing"), 1),
+        (Finding("thing", "15 [old]", False, "pip install thing"), 1),
     ],
 )
 def test_exit_status_follows_what_is_required(monkeypatch, finding, status):
     monkeypatch.setattr("datafactory.inspection.doctor.examine", lambda: [finding])
-    result = CliRunner().invoke(application, [])
-    assert result.exit_code == status
-    assert finding.remedy in result.output
-    assert "thing" in result.output
+    shown, as_json = (CliRunner().invoke(app, ["doctor", *more]) for more in ((), ("--json",)))
+    assert (shown.exit_code, as_json.exit_code) == (status, status)
+    assert finding.remedy in shown.output
+    assert "thing" in shown.output
+    assert json.loads(as_json.stdout) == [asdict(finding)]

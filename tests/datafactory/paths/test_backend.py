@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from interpreter import python
 
 from datafactory.paths import backend
 from shared.physics.errors import InputError
@@ -215,5 +215,4 @@ def test_sionna_keeps_the_chosen_variant():
         "assert drjit.thread_count() == 1\n"
         "print(int(drjit.sum(drjit.arange(mitsuba.UInt32, 8))[0]))\n"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    assert done.stdout.strip() == "28", done.stderr[-500:]
+    assert python("-c", script).strip() == "28"

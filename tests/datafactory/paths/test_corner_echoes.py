@@ -20,7 +20,8 @@ from corner_scenes import (
     reference_echo,
 )
 from numpy.typing import NDArray
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, scene_of, slab_reflection
+from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, scene_of, slab_reflection
+from town_scenes import box
 
 from datafactory.paths import corner_echoes
 from datafactory.paths.corner_aperture import Apertures

@@ -10,7 +10,8 @@ import pytest
 from corner_scenes import HERE, always, corners_seen, cross_section_dbsm, dihedral, level_db, meshes_of, received
 from numpy.typing import NDArray
 from oracles import corner_area
-from sionna_scenes import WAVELENGTH_M, box, every_one, mesh, plate, scene_of, slabs, turning, view_with
+from sionna_scenes import WAVELENGTH_M, every_one, mesh, plate, scene_of, slabs, turning, view_with
+from town_scenes import box
 
 from datafactory.paths import corners
 from datafactory.paths.bodies import Body

@@ -239,7 +239,7 @@ def test_a_saddle_has_its_two_curvatures():
     ring, thick, eye = 3.0, 0.8, 1.5
     table = traced(body(torus(ring, thick, 120, 48), (-eye, 0.0, 0.0)))
     assert finite(table)
-    range_m = np.concatenate([table.scattered.range_m(), table.specular.range_m()])
+    range_m = table.range_m()
     here = np.argmin(np.abs(range_m - (ring - thick - eye)))
     kappa = np.array([1.0 / thick, -1.0 / (ring - thick)])
     gain = 1.0 / np.sqrt(np.prod(1.0 + kappa * range_m[here]))

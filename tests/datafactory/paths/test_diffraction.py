@@ -13,7 +13,6 @@ from sionna_scenes import (
     FREQUENCY_HZ,
     MATERIALS,
     WAVELENGTH_M,
-    box,
     channel,
     every_one,
     plate,
@@ -23,6 +22,7 @@ from sionna_scenes import (
     view_of,
     view_with,
 )
+from town_scenes import box
 
 from datafactory.paths.diffraction import EdgeEchoes, field_over_edges, rays_over_edges
 from datafactory.paths.edges import edges_of

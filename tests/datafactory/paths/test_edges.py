@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sionna_scenes import box, mesh, plate, scene_of
+from sionna_scenes import mesh, plate, scene_of
+from town_scenes import box
 
 from datafactory.paths.edges import FLATTEST_FOLD_DEG, edges_of
 from datafactory.scenes.poses import Pose

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from prepared_scenes import EFFECT_SCENES, SCENES, prepared_scene
+from prepared_scenes import EFFECT_SCENES, STREET, TINY, prepared_scene
 from sionna_scenes import MATERIALS, mesh, plate
 
 from datafactory.effects.catalogue import ALL
@@ -200,7 +200,7 @@ def test_sums_in_cells_are_those_of_a_slow_search(generator: np.random.Generator
 
 
 EVERYTHING = ALL.settings(ChainSettings(trace=TraceSettings(rays=20_000)))
-STREET = tuple(Pose((x, y, 0.6), yaw) for x, y, yaw in ((-30.0, -2.0, 0.0), (0.0, 2.0, 160.0), (15.0, -2.0, 75.0)))
+ALONG = tuple(Pose((x, y, 0.6), yaw) for x, y, yaw in ((-30.0, -2.0, 0.0), (0.0, 2.0, 160.0), (15.0, -2.0, 75.0)))
 
 
 def traced(path, *poses: Pose) -> list[PathTable]:
@@ -209,7 +209,7 @@ def traced(path, *poses: Pose) -> list[PathTable]:
 
 
 def scenes() -> list[tuple[str, list[PathTable]]]:
-    found = [("street", traced(SCENES / "street.usda", *STREET)), ("tiny", traced(SCENES / "tiny.usda", *STREET[:1]))]
+    found = [("street", traced(STREET, *ALONG)), ("tiny", traced(TINY, *ALONG[:1]))]
     for name in ("square_corner", "three_faces", "corner", "target_behind_pane", "reflector_behind_pane", "plate"):
         found.append(
             (name, traced(EFFECT_SCENES / f"{name}.usda", read_poses(EFFECT_SCENES / f"{name}.poses.json")[0]))

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from prepared_scenes import EFFECT_SCENES, prepared_scene
-from sionna_scenes import FREQUENCY_HZ, box, mapping, material, plate, scene_of, sionna_scene, turning
+from sionna_scenes import FREQUENCY_HZ, mapping, material, plate, scene_of, sionna_scene, turning
+from town_scenes import box
 
 from datafactory.paths import geometry as geometry_module
 from datafactory.paths import trace as trace_module

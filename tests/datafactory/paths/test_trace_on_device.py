@@ -6,12 +6,11 @@ with itself; that holds what the test does, where there is no GPU to hold to it.
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from interpreter import python
 
 from datafactory.paths.backend import cuda_device
 from datafactory.paths.storage import TracedFrame, read_paths
@@ -24,20 +23,16 @@ POWER_DB = 0.1
 
 def traced(out: Path, device: str) -> list[TracedFrame]:
     """Two frames of the smallest scene with every effect, traced by the command."""
-    command = [
-        *(sys.executable, "-m", "datafactory", "trace", "shipped:tiny", "--out", str(out), "--frames", "2"),
-        *("--rays", "4000", "--effects", "all", "--device", device, "--workers", "1"),
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-500:]
+    python("-m", "datafactory", "trace", "shipped:tiny", "--out", out, "--frames", 2, "--rays", 4000,
+           "--effects", "all", "--device", device, "--workers", 1)  # fmt: skip
     return [frame for shard in sorted(out.glob("paths/*.parquet")) for frame in read_paths(shard)]
 
 
 def power_by_range(frame: TracedFrame) -> np.ndarray:
     """[bins] of 1 m."""
     table = frame.table
-    range_m = np.concatenate([table.scattered.range_m(), table.specular.range_m()])
-    power = np.abs(np.concatenate([table.scattered.amplitude, table.specular.amplitude])) ** 2
+    range_m = table.range_m()
+    power = np.abs(table.every("amplitude")) ** 2
     return np.bincount(range_m.astype(np.int64), weights=power, minlength=300)[:300]
 
 

@@ -8,7 +8,6 @@ import pytest
 from sionna_scenes import (
     FREQUENCY_HZ,
     WAVELENGTH_M,
-    box,
     channel,
     plate,
     scene_of,
@@ -17,6 +16,7 @@ from sionna_scenes import (
     slab_transmission,
     view_of,
 )
+from town_scenes import box
 
 from datafactory.paths.geometry import clear_between
 from datafactory.paths.slabs import Slabs

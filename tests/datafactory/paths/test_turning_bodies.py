@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from oracles import mirror_path, mirrored
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, TURN_DEG_PER_S, box, plate, scene_of, turning
+from sionna_scenes import FREQUENCY_HZ, MATERIALS, TURN_DEG_PER_S, plate, scene_of, turning
+from town_scenes import box
 
 from datafactory.paths.bodies import bodies_of
 from datafactory.paths.edges import edges_of

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from sionna_scenes import (
     MATERIALS,
     WAVELENGTH_M,
-    box,
     every_one,
     plate,
     scene_of,
@@ -21,6 +20,7 @@ from sionna_scenes import (
     view_of,
     view_with,
 )
+from town_scenes import box
 
 from datafactory.paths import diffraction
 from datafactory.paths.backend import select_variant

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 import platform
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from factory_command import run
-from prepared_scenes import SCENES
+from interpreter import python
+from prepared_scenes import TINY
+from small_radar import SMALL_RADAR
 
 from datafactory import load_radar, render
 from datafactory.api.asking import order_of
@@ -108,7 +109,7 @@ def test_what_was_asked_for_and_does_not_fit_is_refused_with_what_would(machine:
 def test_a_dry_run_says_it_of_the_scene_and_the_workers_that_fit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    order = order_of(OrderOptions(str(SCENES / "tiny.usda"), radar="avr-qdm-110", frames=80, rays=4000))
+    order = order_of(OrderOptions(str(TINY), radar="avr-qdm-110", frames=80, rays=4000))
     recipe = prepare(order, load_materials())
     found = forecast(recipe, tmp_path, 3)
     expected = memory.statement(load(settings=order.settings, triangles=104), 3, memory.usable_memory())
@@ -120,7 +121,6 @@ def test_a_dry_run_says_it_of_the_scene_and_the_workers_that_fit(
         forecast(recipe, tmp_path, 0)
 
 
-SMALL = "[waveform]\nchirps = 8\nsamples = 128\nrange_bins = 100\n"
 ONE_CHANNEL = "[array]\ntx_m = [[0, 0, 0]]\nrx_m = [[0, 0, 0]]\n"
 CONVERTER = "[front_end.converter]\nbits = 12\nfull_scale_dbm = 0\n"
 Lists = list[list[dict[str, float]]]
@@ -131,11 +131,11 @@ ONE_STANDING: Lists = [[{"x": 1.0, "y": 0.0, "rcs_dbsm": 60.0}]] * 8
 @pytest.mark.parametrize(
     ("toml", "targets", "noise"),
     [
-        (SMALL, NOTHING, True),
-        (SMALL, NOTHING, False),
-        (SMALL + ONE_CHANNEL, ONE_STANDING, True),
-        (SMALL.replace("chirps = 8", "chirps = 1"), NOTHING, True),
-        (SMALL + CONVERTER, NOTHING, True),
+        (SMALL_RADAR, NOTHING, True),
+        (SMALL_RADAR, NOTHING, False),
+        (SMALL_RADAR + ONE_CHANNEL, ONE_STANDING, True),
+        (SMALL_RADAR.replace("chirps = 8", "chirps = 1"), NOTHING, True),
+        (SMALL_RADAR + CONVERTER, NOTHING, True),
     ],
     ids=["noise alone", "nothing", "one target", "one chirp", "noise below a converter's step"],
 )
@@ -153,11 +153,12 @@ def test_frames_take_the_least_that_a_run_is_refused_for(
         assert least <= shard.stat().st_size
 
 
-def test_a_run_is_refused_where_even_its_noise_does_not_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_is_refused_where_even_its_noise_does_not_fit(
+    radar_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """By --dry-run too, which says where the forecast does not fit; what a killed run left there is room for it."""
-    (tmp_path / "radar.toml").write_text(SMALL)
-    scene, out = str(SCENES / "tiny.usda"), tmp_path / "out"
-    asked = ("render", scene, "--radar", tmp_path / "radar.toml", "--rays", 200, "--frames", 640, "--out", out)
+    scene, out = str(TINY), tmp_path / "out"
+    asked = ("render", scene, "--radar", radar_file, "--rays", 200, "--frames", 640, "--out", out)
     monkeypatch.setattr(memory, "free_bytes", lambda directory: 10_000_000)
     said = r"number of frames: 640 frames need at least \d+ MB; .*out has 10 MB free; expected at most \d+, or another"
     for more in (("--dry-run",), ("--workers", 1)):
@@ -193,5 +194,4 @@ print(faults() - before)
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only the GNU C library has these limits")
 def test_memory_that_was_freed_is_not_asked_for_again():
     """Ninety megabytes for the third time. Without the limits that is 30 to 20 000 page faults, by the page's size."""
-    done = subprocess.run([sys.executable, "-c", FAULTS_OF_THE_LAST_ARRAYS], capture_output=True, text=True, check=True)
-    assert int(done.stdout) <= 2
+    assert int(python("-c", FAULTS_OF_THE_LAST_ARRAYS)) <= 2

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from factory_command import refused
+from prepared_scenes import TINY
 
 from datafactory.api import asking, making
 from datafactory.api.asking import device_of, load_scene, materials_of, order_of
@@ -23,6 +23,7 @@ from datafactory.run.preparation import prepare
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.scene import Scene
 from datafactory.synthesis import cube
+from shared.dataset.folder import read_manifest
 from shared.physics.errors import InputError
 from shared.processes.telling import Announce, silent
 from shared.radar import Radar
@@ -53,7 +54,7 @@ def points(
 
 
 def manifest_of(report: Report) -> dict:
-    return json.loads((report.directory / "manifest.json").read_bytes())
+    return read_manifest(report.directory)
 
 
 def columns_of(report: Report, name: str) -> np.ndarray:
@@ -161,7 +162,6 @@ def test_kernels_that_cannot_be_had_are_refused(monkeypatch):
         cube.kernels_on("cuda")
 
 
-TINY = Path(__file__).parents[3] / "scenes" / "tiny.usda"
 MAP = '[map]\n"bricks" = "glass"\n"brick" = "glass"\n"M_42" = "glass"\n'
 
 

@@ -22,7 +22,7 @@ from datafactory.run import progress
 from datafactory.run.card import COLUMNS, card, hub_licence, scene_licence, stated_licence
 from datafactory.run.shards import ShardPlan, plan_shards, write_shard
 from shared.dataset import VERSION, arrow_schema, description
-from shared.dataset.folder import open_dataset
+from shared.dataset.folder import open_dataset, read_manifest
 from shared.dataset.reading import read_frames
 from shared.physics.errors import InputError
 from shared.radar import Radar
@@ -164,14 +164,14 @@ def test_the_front_matter_names_splits_licence_and_size(dataset: Path) -> None:
     assert config["data_files"] == [
         {"split": split, "path": f"{split}/*.parquet"} for split in ("train", "validation", "test")
     ]
-    assert json.loads((dataset / "manifest.json").read_text())["license"] == "CC-BY-4.0"
+    assert read_manifest(dataset)["license"] == "CC-BY-4.0"
 
 
 def test_without_a_licence_the_card_says_so(tmp_path: Path) -> None:
     render(None, tmp_path / "data", frames=0, points=1, radar=RADAR)
     assert front_matter(tmp_path / "data")["license"] == "unknown"
     assert "--license" in (tmp_path / "data" / "README.md").read_text()
-    assert "license" not in json.loads((tmp_path / "data" / "manifest.json").read_text())["arguments"]
+    assert "license" not in read_manifest(tmp_path / "data")["arguments"]
 
 
 def test_columns_scenes_effects_and_licences_are_told(dataset: Path) -> None:
@@ -180,7 +180,7 @@ def test_columns_scenes_effects_and_licences_are_told(dataset: Path) -> None:
         assert f"| `{field.name}` |" in text
         assert COLUMNS[field.name] in text
     assert "3 x 40 x 48 x 2 (Doppler peak, range, channel, re/im)" in text
-    manifest = json.loads((dataset / "manifest.json").read_text())
+    manifest = read_manifest(dataset)
     manifest["scenes"] = [
         {"name": "street", "content_sha256": "ab" * 32, "source": "shipped:street"},
         {"name": "mine", "content_sha256": "cd" * 32, "source": "/home/somebody/mine.usda"},

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 from prepared_scenes import SCENES
-from town_scenes import BUILDINGS, PLATE, TOWN, box, flat, sheet
+from town_scenes import box, flat, sheet
 
 from datafactory.scenes.ground import Ground, free_ground
 from datafactory.scenes.lanes import LANE_OFFSET_M, STEP_M, Lane, draw_lane
@@ -20,11 +20,6 @@ from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene, SceneObject
 from datafactory.scenes.streets import KERB_M, WIDEST_STREET_M, cut_into_regions
 from shared.dataset.folder import SPLITS
-
-
-@pytest.fixture(scope="module")
-def street() -> Ground:
-    return free_ground(Scene("town", (PLATE, *BUILDINGS)))
 
 
 @pytest.fixture(scope="module")
@@ -166,14 +161,13 @@ def test_roads_that_a_ledge_or_a_rail_parts_from_the_largest_ground_are_kept() -
         assert abs(sample_pose(ground, "train", np.random.default_rng(seed)).position[1]) < 9.0
 
 
-def test_streets_lie_between_facades_and_the_open_land_behind_them_does_not() -> None:
-    ground = free_ground(Scene("town", (PLATE, *BUILDINGS)))
-    assert np.all(ground.free[ground.street])
-    i, j = np.nonzero(ground.street)
-    y = ground.origin[1] + (j + 0.5) * ground.cell_m
+def test_streets_lie_between_facades_and_the_open_land_behind_them_does_not(street: Ground) -> None:
+    assert np.all(street.free[street.street])
+    i, j = np.nonzero(street.street)
+    y = street.origin[1] + (j + 0.5) * street.cell_m
     assert np.abs(y).max() < 30.0  # the houses end at 28 m; a cell beside a gap between two is still between them
-    here = (np.abs(y) < 1.0) & (np.abs(ground.origin[0] + (i + 0.5) * ground.cell_m) < 80.0)
-    assert np.count_nonzero(here) * ground.cell_m**2 > 0.95 * 2.0 * 160.0
+    here = (np.abs(y) < 1.0) & (np.abs(street.origin[0] + (i + 0.5) * street.cell_m) < 80.0)
+    assert np.count_nonzero(here) * street.cell_m**2 > 0.95 * 2.0 * 160.0
 
 
 def test_facades_too_far_apart_make_no_street() -> None:
@@ -190,11 +184,9 @@ def test_facades_too_far_apart_make_no_street() -> None:
     assert street_area(WIDEST_STREET_M + 5.0) == 1.0  # no streets: all free ground is used
 
 
-def test_named_roads_and_their_kerbs_are_the_streets() -> None:
-    road = sheet("/World/Main_Street/mesh", (-110.0, 110.0), (-4.0, 4.0), lambda x, y: 0.02)
-    ground = free_ground(Scene("with road", (PLATE, *BUILDINGS, road)))
-    _, j = np.nonzero(ground.street)
-    assert np.abs(ground.origin[1] + (j + 0.5) * ground.cell_m).max() <= 4.0 + KERB_M
+def test_named_roads_and_their_kerbs_are_the_streets(road: Ground) -> None:
+    _, j = np.nonzero(road.street)
+    assert np.abs(road.origin[1] + (j + 0.5) * road.cell_m).max() <= 4.0 + KERB_M
 
 
 def test_every_cell_of_a_region_lies_on_its_own_side_half_a_gap_from_the_next() -> None:
@@ -266,11 +258,6 @@ def test_a_ray_of_the_field_of_view_reaches_fifteen_metres(shipped: tuple[NDArra
         free = np.array([free_path(corners, np.asarray(pose.position), way) for way in ways])
         assert free.max() >= FAR_M - 0.5
         assert free.min() > 1.0
-
-
-@pytest.fixture(scope="module")
-def town() -> Ground:
-    return free_ground(TOWN)
 
 
 def test_a_view_along_the_street_is_worth_more_than_one_at_the_wall(town: Ground) -> None:

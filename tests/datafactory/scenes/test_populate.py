@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from factory_command import run
+from prepared_scenes import STREET
 from scene_solids import Thing, things_of
 from town_scenes import SLOPE, block, two_blocks
 
@@ -29,7 +29,6 @@ from datafactory.scenes.traffic.population import populated, recorded
 from datafactory.scenes.traffic.stretches import HORIZON_S, Course, plane_under, spaced
 from shared.physics.errors import InputError
 
-STREET = Path(__file__).resolve().parents[3] / "scenes" / "street.usda"
 ASKED = parse_populate("cars=6,trucks=2,buses=1,cyclists=4,pedestrians=12,poles=12,signs=6,bins=3,benches=2,parked=0.6")
 
 

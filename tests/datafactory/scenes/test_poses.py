@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from town_scenes import BUILDINGS, CAR, PLATE, POLE, TOWN, box, flat, sheet
+from town_scenes import BUILDINGS, CAR, POLE, TOWN, box, flat, sheet
 
 from datafactory.scenes.buried import buried
 from datafactory.scenes.ground import CELL_M, CLEARANCE_M, SPLITS, free_ground, height_map
@@ -74,11 +74,6 @@ def test_reads_what_is_given_and_fills_the_rest_with_zero(tmp_path):
 
 
 # --- free ground ----------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def town():
-    return free_ground(TOWN)
 
 
 def gap_to_box(x, y, item):
@@ -263,21 +258,18 @@ def test_free_path_measures_the_distance_to_a_wall():
     assert short == np.inf
 
 
-def test_roads_are_preferred():
+def test_roads_are_preferred(road):
     """On the road with probability 0.8 + 0.2 x its share of the area (0.09): 0.82; without preference 0.09."""
-    road = sheet("/World/Main_Street/mesh", (-110.0, 110.0), (-4.0, 4.0), lambda x, y: 0.02)
-    ground = free_ground(Scene("with road", (PLATE, *BUILDINGS, road)))
-    on_road = [abs(sample_pose(ground, "train", np.random.default_rng(n)).position[1]) <= 4.0 for n in range(100)]
+    on_road = [abs(sample_pose(road, "train", np.random.default_rng(n)).position[1]) <= 4.0 for n in range(100)]
     assert 0.7 < np.mean(on_road) < 0.95
 
 
-def test_moving_the_scene_moves_the_ground():
+def test_moving_the_scene_moves_the_ground(town):
     """A kilometre away in x and y, 300 m up: the same cells."""
     shift = np.array([1000.0, -2000.0, 300.0])
     moved = tuple(SceneObject(item.name, item.vertices + shift, item.triangles, item.material) for item in TOWN.objects)
     ground = free_ground(Scene("moved", moved))
-    here = free_ground(TOWN)
-    assert np.mean(ground.free != here.free) < 1e-3
+    assert np.mean(ground.free != town.free) < 1e-3
     pose = sample_pose(ground, "test", np.random.default_rng(0))
     assert pose.position[2] == pytest.approx(300.0 + SENSOR_HEIGHT_M)
 
@@ -298,12 +290,7 @@ def test_ground_too_small_for_three_regions_says_what_to_do():
 
 
 def test_no_pose_stands_within_a_target_models_footprint_or_near_a_point_target():
-    ground = SceneObject(
-        "ground",
-        np.array([[-15.0, -15.0, 0.0], [15.0, -15.0, 0.0], [15.0, 15.0, 0.0], [-15.0, 15.0, 0.0]]),
-        np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32),
-        "asphalt",
-    )
+    ground = sheet("ground", (-15.0, 15.0), (-15.0, 15.0), flat, "asphalt")
     car = PointTarget("car", (1.0, 2.0, 0.0), 11.0, model=Car())
     post = PointTarget("post", (-7.0, -7.0, 0.5), 0.0)
     free = free_ground(Scene("parking", (ground,), (car, post))).free

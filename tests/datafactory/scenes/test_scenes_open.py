@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from interpreter import python
 from usd_files import signed_volume
 
 from datafactory.inspection.scene import examine_scene
@@ -307,8 +306,7 @@ def test_reading_leaves_the_choice_of_llvm_open() -> None:
         "import sys; from datafactory.scenes.readers.open import open_scene; open_scene('sionna:box');"
         "print(sorted({'drjit', 'mitsuba', 'sionna'} & sys.modules.keys()))"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    assert python("-c", script) == "[]\n"
 
 
 def compare_with_sionna(path: Path) -> None:

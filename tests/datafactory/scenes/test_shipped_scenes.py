@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from prepared_scenes import SCENES
 from pxr import Usd, UsdGeom, UsdShade
 
 from datafactory.paths.bodies import bodies_of
@@ -17,10 +18,9 @@ from datafactory.scenes.city.usd import MATERIAL_COLOURS
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.readers.open import open_scene
 
-SCENES = Path(__file__).resolve().parents[3] / "scenes"
 sys.path.append(str(SCENES))
-import make_assets  # noqa: E402
-import make_scenes  # noqa: E402
+import make_assets
+import make_scenes
 
 USD_SCENES = ("street.usda", "test_range.usda", "tiny.usda")
 STREETS = {"street.usda": "2f21b397bc498350", "street.xml": "bf87d5c6337befed"}

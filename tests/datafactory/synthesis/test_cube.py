@@ -65,7 +65,7 @@ def test_cube_keeps_its_tolerance(
     cube = cube_of_paths(table, radar, tolerance)
     assert cube.shape == reference.shape
     # Paths of equal strength may cancel in one sample; the promise is relative to what the paths could add up to.
-    amplitudes = np.concatenate([table.scattered.amplitude, table.specular.amplitude])
+    amplitudes = table.every("amplitude")
     energy = np.sqrt(reference.size) * np.linalg.norm(amplitudes)
     assert np.linalg.norm(cube - reference) <= tolerance * max(np.linalg.norm(reference), energy)
 

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from interpreter import python
+from manual import ROOT
 
-SCRIPT = Path(__file__).parents[2] / "kernel_bytes.py"
 KERNELS = ("chirp", "along_lines", "truth", "seen", "near_field", "plates", "line_fit")
 
 
 def digests(folder: Path, *arguments: str) -> dict[str, str]:
     """Digest by kernel, of a process that keeps its machine code in ``folder``."""
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder)}
-    command = [sys.executable, str(SCRIPT), *arguments]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return dict(line.split() for line in done.stdout.splitlines())
+    said = python(ROOT / "tests/kernel_bytes.py", *arguments, NUMBA_CACHE_DIR=str(folder))
+    return dict(line.split() for line in said.splitlines())
 
 
 @pytest.fixture(scope="module")

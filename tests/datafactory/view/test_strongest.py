@@ -55,19 +55,14 @@ Place = Sequence[float] | np.ndarray
 def scattered(
     tx_point: Place, rx_point: Place, kinds: int, between_m: float = 0.0, depth: int = 1, owner: int = 0
 ) -> ScatteredPaths:
-    one = np.ones(1)
-    return ScatteredPaths(
-        np.array([tx_point], float), np.array([rx_point], float), np.zeros((1, 3)), np.zeros((1, 3)), between_m * one,
-        0.0 * one, amplitude=np.full(1, 1e-6 + 0j), depth=np.full(1, depth, np.int8),
-        object_index=np.full(1, owner, np.int32), kinds=np.full(1, kinds, np.uint8),
-    )  # fmt: skip
+    point, still = np.array([tx_point], float), np.zeros((1, 3))
+    path = ScatteredPaths.of_points(point, still, 1e-6, np.full(1, owner, np.int32), kinds, depth)
+    return replace(path, rx_point=np.array([rx_point], float), between_m=np.full(1, between_m))
 
 
 def specular(image: Place, depth: int, kinds: int = SPECULAR) -> SpecularPaths:
-    return SpecularPaths(
-        np.array([image], float), np.zeros((1, 3)), np.eye(3)[None], amplitude=np.array([1e-6 + 0j]),
-        depth=np.full(1, depth, np.int8), object_index=np.zeros(1, np.int32), kinds=np.full(1, kinds, np.uint8),
-    )  # fmt: skip
+    place, owner = np.array([image], float), np.zeros(1, np.int32)
+    return SpecularPaths.of(place, np.zeros((1, 3)), np.eye(3)[None], np.array([1e-6 + 0j]), owner, kinds, depth)
 
 
 def only_line(table: PathTable, meshes: tuple[MergedMesh, ...], targets: np.ndarray = NO_TARGETS) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from browser import GRAPHICS_LIBRARY, WEBGL_ARGUMENTS, installed_browser
 from matplotlib.image import imread
-from prepared_scenes import SCENES
+from prepared_scenes import TINY
 
 from datafactory.api.viewing import view
 from datafactory.scenes.poses import Pose
@@ -34,7 +34,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """A page that says that it is ready; afterwards: no error, no other request."""
     assert BROWSER is not None
     (path,) = view(
-        SCENES / "tiny.usda", tmp_path_factory.mktemp("page") / "tiny.html", rays=2000,
+        TINY, tmp_path_factory.mktemp("page") / "tiny.html", rays=2000,
         poses=[Pose((0.0, 0.0, 0.5))],
     )  # fmt: skip
     complaints: list[str] = []

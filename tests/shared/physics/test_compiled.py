@@ -16,6 +16,7 @@ from types import FunctionType, ModuleType
 from typing import Any
 
 import pytest
+from interpreter import python
 from numba.core.dispatcher import Dispatcher
 
 import datafactory
@@ -225,8 +226,7 @@ for options in ({"fastmath": {"contract", "reassoc"}}, {}):
 
 
 def test_a_kernel_rounds_complex_products_as_its_own_flags_say_whichever_was_compiled_before() -> None:
-    done = subprocess.run([sys.executable, "-c", PRODUCTS], capture_output=True, text=True, check=True)
-    (fast, _), (none, plain) = (map(int, line.split()) for line in done.stdout.splitlines())
+    (fast, _), (none, plain) = (map(int, line.split()) for line in python("-c", PRODUCTS).splitlines())
     assert fast > 0
     assert none == 0
     assert plain > 0

@@ -129,6 +129,8 @@ def trajectory_of(
 
 
 def _track_of(item: str | Path | Sequence[Pose], frame_rate: float | None) -> tuple[Pose, ...]:
+    if isinstance(item, Pose):
+        raise InputError("--trajectory", "a pose in place of a track", "tracks in a list, each a sequence of poses")
     if not isinstance(item, str | Path):
         if frame_rate is not None:
             raise InputError("--frame-rate", "beside poses", "a file, whose rows it lies between")

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from datafactory.effects.catalogue import DESCRIPTIONS, NAMES, NO_CHOICE, EffectSet
 from datafactory.frame import decision
 from datafactory.frame.chain import SceneSource, illuminated, narrowed
-from datafactory.frame.decision import KINDS, Decided, bounces_more_than_once, kinds_of, path_effects
+from datafactory.frame.decision import KINDS, Decided, bounces_more_than_once, path_effects
 from datafactory.paths.candidates import (
     CHAIN,
     CORNER,
@@ -82,7 +82,7 @@ def losses(paths: PathTable, radar: Radar, truth_window: str) -> dict[str, Loss]
 
     :param paths: of every effect, illuminated
     """
-    where, waveform, kinds = cell_map(paths, radar, truth_window), radar.waveform, kinds_of(paths)
+    where, waveform, kinds = cell_map(paths, radar, truth_window), radar.waveform, paths.every("kinds")
     total = where.sums()
     noise, peak = cell_noise_power(radar), float(total.max())
     occupied = total > noise / radar.array.channels

@@ -133,11 +133,9 @@ def _moved_lengths(point, velocity, time_s):
 def pattern_change(paths: PathTable, radar: Radar) -> Real:
     """[K] change of an illuminated echo's amplitude when every direction gets boresight's gain, over the amplitude."""
     front_end = radar.front_end
-    scattered, specular = paths.scattered, paths.specular
-    departure = np.concatenate([scattered.tx_point, specular.departure()])
-    arrival = np.concatenate([scattered.rx_point, specular.image])
+    departure = np.concatenate([paths.scattered.tx_point, paths.specular.departure()])
     ahead = np.array([1.0, 0.0, 0.0])
-    gain = front_end.tx_pattern.power_gain(departure) * front_end.rx_pattern.power_gain(arrival)
+    gain = front_end.tx_pattern.power_gain(departure) * front_end.rx_pattern.power_gain(paths.arrival())
     boresight = float(front_end.tx_pattern.power_gain(ahead) * front_end.rx_pattern.power_gain(ahead))
     return np.abs(np.sqrt(boresight / np.maximum(gain, 1e-30 * boresight)) - 1.0)
 
@@ -219,13 +217,7 @@ def bounces_more_than_once(paths: PathTable) -> NDArray[np.bool_]:
     """[K] whether a path has two or more bounces; diffraction at an edge does not count as one, and the bounces in a
     right-angled corner are an effect of their own.
     """
-    depth = np.concatenate([paths.scattered.depth, paths.specular.depth])
-    return (depth > 1) & (kinds_of(paths) & (DIFFRACTED | CORNER) == 0)
-
-
-def kinds_of(paths: PathTable) -> NDArray[np.uint8]:
-    """[K] kinds of interaction, scattered paths first."""
-    return np.concatenate([paths.scattered.kinds, paths.specular.kinds])
+    return np.asarray((paths.every("depth") > 1) & (paths.every("kinds") & (DIFFRACTED | CORNER) == 0))
 
 
 KINDS = {
@@ -241,6 +233,6 @@ KINDS = {
 
 def path_effects(paths: PathTable) -> dict[str, bool]:
     """Effects on paths that a frame has: whether any path in it is of that kind."""
-    there = int(np.bitwise_or.reduce(kinds_of(paths), initial=0))
+    there = int(np.bitwise_or.reduce(paths.every("kinds"), initial=0))
     found = {name: bool(there & kind) for name, kind in KINDS.items()}
     return {**found, "multi_bounce": bool(bounces_more_than_once(paths).any())}

@@ -198,9 +198,7 @@ def boxes_of(things: Sequence[SeenThing], paths: PathTable, radar: Radar) -> tup
 
     :param paths: illuminated, for the boxes' power
     """
-    every = (paths.scattered, paths.specular)
-    index = np.concatenate([part.object_index for part in every])
-    power = np.concatenate([np.abs(part.amplitude) ** 2 for part in every])
+    index, power = paths.every("object_index"), np.abs(paths.every("amplitude")) ** 2
     known = index >= 0
     by_object = np.bincount(index[known], power[known], minlength=len(paths.objects))
     boxes, outside = [], 0

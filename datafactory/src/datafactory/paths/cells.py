@@ -95,10 +95,8 @@ def cell_map(paths: PathTable, radar: Radar, truth_window: str) -> CellMap:
 
     :param truth_window: over the virtual sensor's elements, see :func:`shared.signal.windows.angle_window`
     """
-    range_m = np.concatenate([paths.scattered.range_m(), paths.specular.range_m()])
-    arrival = np.concatenate([paths.scattered.rx_point, paths.specular.image])
-    power = np.abs(np.concatenate([paths.scattered.amplitude, paths.specular.amplitude])) ** 2
-    row, column, columns = cell_numbers(range_m, arrival, radar, truth_window)
+    power = np.abs(paths.every("amplitude")) ** 2
+    row, column, columns = cell_numbers(paths.range_m(), paths.arrival(), radar, truth_window)
     inside = row < radar.waveform.range_bins
     cell = np.where(inside, row * columns + column, 0)
     return CellMap((radar.waveform.range_bins, columns), cell, np.where(inside, power, 0.0))

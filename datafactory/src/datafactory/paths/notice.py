@@ -67,8 +67,7 @@ class Notice:
         budget, noise = float(db_to_power(self.budget_db)), cell_noise_power(self.radar)
         if self.below_noise:
             few = strongest(table).within(self.radar).illuminated(self.front_end)
-            amplitude = np.concatenate([few.scattered.amplitude, few.specular.amplitude])
-            power = self._shown(few) * np.abs(amplitude) ** 2
+            power = self._shown(few) * np.abs(few.every("amplitude")) ** 2
             if budget * float(np.max(power, initial=0.0)) >= noise:
                 return noise
         lit = first_echoes(table).within(self.radar).illuminated(self.front_end)
@@ -87,8 +86,7 @@ class Notice:
         near_m = aperture_m**2 / (4.0 * self.radar.waveform.wavelength_m)
         mirrors = np.minimum(paths.specular.range_m() / near_m, 1.0) if near_m > 0.0 else np.ones(len(paths.specular))
         focus = np.concatenate([np.ones(len(paths.scattered)), mirrors])
-        arrival = np.concatenate([paths.scattered.rx_point, paths.specular.image])
-        return focus * share_on_grid(arrival, self.radar, self.truth_window)
+        return focus * share_on_grid(paths.arrival(), self.radar, self.truth_window)
 
     def power_w(self, candidates: Candidates) -> Real:
         """[N] the candidates' bounds as the radar lights them [W]; 0 beyond its unambiguous range."""

@@ -217,6 +217,18 @@ class PathTable:
     def __len__(self) -> int:
         return len(self.scattered) + len(self.specular)
 
+    def every(self, name: str) -> NDArray:
+        """[K] what paths of both kinds have by this name, scattered paths first, then specular ones."""
+        return np.concatenate([getattr(self.scattered, name), getattr(self.specular, name)])
+
+    def range_m(self) -> Real:
+        """[K] half of the paths' lengths from and to the origin at t = 0 [m], scattered paths first."""
+        return np.concatenate([self.scattered.range_m(), self.specular.range_m()])
+
+    def arrival(self) -> Real:
+        """[K, 3] places that the origin sees waves come from at t = 0 [m], scattered paths first."""
+        return np.concatenate([self.scattered.rx_point, self.specular.image])
+
     def moves(self) -> bool:
         """Whether any delay changes over the frame."""
         scattered, specular = self.scattered, self.specular

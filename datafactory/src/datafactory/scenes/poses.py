@@ -139,7 +139,7 @@ class PoseEntry(BaseModel, extra="forbid", strict=True):
 
     def pose(self) -> Pose:
         x, y, z = self.position
-        vx, vy, vz = self.velocity
+        vx, vy, vz = self.velocity or (0.0, 0.0, 0.0)  # a row of a track may leave it open
         return Pose((x, y, z), self.yaw_deg, self.pitch_deg, self.roll_deg, (vx, vy, vz), self.time)
 
 

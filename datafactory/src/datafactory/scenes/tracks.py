@@ -127,16 +127,13 @@ class _Line(BaseModel, extra="forbid"):
     yaw_deg: _Given
     pitch_deg: _Given = 0.0
     roll_deg: _Given = 0.0
-    vx: Speed | None = None
-    vy: Speed | None = None
-    vz: Speed | None = None
+    vx: Speed = 0.0
+    vy: Speed = 0.0
+    vz: Speed = 0.0
 
-    def entry(self) -> _Entry:
-        velocity = None if self.vx is None else [self.vx, self.vy, self.vz]
-        angles = {"yaw_deg": self.yaw_deg, "pitch_deg": self.pitch_deg, "roll_deg": self.roll_deg}
-        return _Entry.model_validate(
-            {"time": self.time, "position": [self.x, self.y, self.z], **angles, "velocity": velocity}
-        )
+    def pose(self) -> Pose:
+        position, velocity = (self.x, self.y, self.z), (self.vx, self.vy, self.vz)
+        return Pose(position, self.yaw_deg, self.pitch_deg, self.roll_deg, velocity, self.time)
 
 
 class _Entry(PoseEntry):
@@ -161,7 +158,8 @@ def read_track(path: Path) -> Curve:
 
 def _from_json(path: Path) -> Curve:
     entries = read_entries(path, _ENTRIES, JSON_FORM, _Entry.model_fields)
-    return _curve(path, entries, [f"entry {number}" for number in range(len(entries))])
+    places, stated = [f"entry {number}" for number in range(len(entries))], [bool(entry.velocity) for entry in entries]
+    return _curve(path, [entry.pose() for entry in entries], places, stated)
 
 
 def _from_table(path: Path) -> Curve:
@@ -183,7 +181,7 @@ def _from_table(path: Path) -> Curve:
     for name in (*COLUMNS, *(VELOCITY if set(names) & set(VELOCITY) else ())):
         if name not in names:
             raise InputError(path, f"line {head}: no column {name!r}", FORM)
-    rows = []
+    poses = []
     for number, cells in lines[1:]:
         if len(cells) != len(names):
             raise InputError(path, f"line {number} has {len(cells)} values", f"{len(names)}: {','.join(names)}")
@@ -191,8 +189,8 @@ def _from_table(path: Path) -> Curve:
             line = _Line.model_validate(dict(zip(names, (cell.strip() for cell in cells), strict=True)))
         except ValidationError as error:
             raise InputError(path, *first_validation_error(error, f"line {number}, ")) from None
-        rows.append(line.entry())
-    return _curve(path, rows, [f"line {number}" for number, _ in lines[1:]])
+        poses.append(line.pose())
+    return _curve(path, poses, [f"line {number}" for number, _ in lines[1:]], [VELOCITY[0] in names] * len(poses))
 
 
 def track_of(poses: Sequence[Pose], source: str) -> tuple[Pose, ...]:
@@ -204,39 +202,33 @@ def track_of(poses: Sequence[Pose], source: str) -> tuple[Pose, ...]:
     if len(poses) == 1:
         return tuple(poses)
     stated = any(any(pose.velocity) for pose in poses)
-    rows = [
-        _Entry.model_construct(
-            time=pose.time_s, position=list(pose.position), velocity=list(pose.velocity) if stated else None,
-            yaw_deg=pose.yaw_deg, pitch_deg=pose.pitch_deg, roll_deg=pose.roll_deg,
-        )
-        for pose in poses
-    ]  # fmt: skip
-    curve = _curve(source, rows, [f"pose {number}" for number in range(len(rows))])
+    curve = _curve(source, poses, [f"pose {number}" for number in range(len(poses))], [stated] * len(poses))
     return tuple(poses) if stated else curve.rows()
 
 
-def _curve(path: Path | str, rows: list[_Entry], places: list[str]) -> Curve:
-    """The rows as a curve.
+def _curve(path: Path | str, poses: Sequence[Pose], places: list[str], stated: list[bool]) -> Curve:
+    """Poses as a curve.
 
     :param path: the file, or what they were given as
     :param places: where in the file each stands
+    :param stated: whether its velocity does
     """
-    if len(rows) < 2:
-        raise InputError(path, f"{len(rows)} pose{'' if len(rows) == 1 else 's'}", "at least two: a track has a length")
-    time_s = np.array([row.time for row in rows], dtype=np.float64)
-    position = np.array([row.position for row in rows], dtype=np.float64)
-    angles_deg = np.array([[row.yaw_deg, row.pitch_deg, row.roll_deg] for row in rows], dtype=np.float64)
+    if len(poses) < 2:
+        count = f"{len(poses)} pose{'' if len(poses) == 1 else 's'}"
+        raise InputError(path, count, "at least two: a track has a length")
+    time_s = np.array([pose.time_s for pose in poses])
+    position = np.array([pose.position for pose in poses])
+    angles_deg = np.array([[pose.yaw_deg, pose.pitch_deg, pose.roll_deg] for pose in poses])
     steps_s = np.diff(time_s)
     if (steps_s <= 0.0).any():
         row = int(np.argmax(steps_s <= 0.0)) + 1
         raise InputError(path, f"{places[row]}, time = {time_s[row]:g} after {time_s[row - 1]:g}", "times that rise")
-    given = [row.velocity is not None for row in rows]
-    if any(given) and not all(given):
-        raise InputError(path, f"{places[given.index(False)]} has no velocity, others have", "one in each, or in none")
+    if any(stated) and not all(stated):
+        raise InputError(path, f"{places[stated.index(False)]} has no velocity, others have", "one in each, or in none")
     speed = np.linalg.norm(np.diff(position, axis=0), axis=1) / steps_s
     if (speed > FASTEST_MPS).any():
         row = int(np.argmax(speed > FASTEST_MPS)) + 1
         problem = f"{places[row]} is reached at {speed[row - 1]:.3g} m/s from the pose before"
         raise InputError(path, problem, f"at most {FASTEST_MPS:g} m/s")
-    velocity = np.array([row.velocity for row in rows], dtype=np.float64) if all(given) else None
+    velocity = np.array([pose.velocity for pose in poses]) if all(stated) else None
     return Curve(time_s, position, angles_deg, velocity)

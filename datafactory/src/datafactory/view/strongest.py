@@ -66,8 +66,7 @@ class Shown:
 
 def kinds_of(table: PathTable) -> NDArray[np.str_]:
     """[scattered, then specular] kind of every path: the rarest interaction that it has names it."""
-    kinds = np.concatenate([table.scattered.kinds, table.specular.kinds])
-    depth = np.concatenate([table.scattered.depth, table.specular.depth])
+    kinds, depth = table.every("kinds"), table.every("depth")
     # A curved mirror spreads the wave: it stands among the scattered paths, without a scattering point.
     mirrors = (np.arange(len(kinds)) >= len(table.scattered)) | ((kinds == SPECULAR) & (depth == 1))
     conditions = [(kinds & DIFFRACTED) > 0, (kinds & REFRACTED) > 0, depth > 1, mirrors]
@@ -100,15 +99,13 @@ def shown_paths(table: PathTable, caster: RayCaster, targets: Real) -> Shown:
     found = {kind: int((kinds == kind).sum()) for kind in KINDS}
     if not len(table):
         return Shown((), found, 0)
-    level = np.concatenate([amplitude_to_db(part.amplitude) for part in (table.scattered, table.specular)])
+    level = amplitude_to_db(table.every("amplitude"))
     chosen = strongest(level, kinds, PATHS_SHOWN)
     mirrors = chosen >= len(table.scattered)
     lines: dict[int, Real] = {}
     lines |= _scattered_lines(table, chosen[~mirrors], caster, targets)
     lines |= _mirror_lines(table, chosen[mirrors], caster)
-    range_m = np.concatenate([table.scattered.range_m(), table.specular.range_m()])
-    owner = np.concatenate([table.scattered.object_index, table.specular.object_index])
-    depth = np.concatenate([table.scattered.depth, table.specular.depth])
+    range_m, owner, depth = table.range_m(), table.every("object_index"), table.every("depth")
     paths = tuple(
         ShownPath(
             str(kinds[index]), lines[index], float(level[index]), float(range_m[index]),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from prepared_scenes import SCENES
+from prepared_scenes import STREET
 from scene_solids import PopulationSolids, Thing, city_solids
 from solids import Shape, Standing, containing, intersecting
 from town_scenes import two_blocks
@@ -81,7 +81,7 @@ def street_solids(street: Scene) -> list[Standing]:
 def bare_scene(which: str, folder: Path) -> tuple[Scene, list[Standing]]:
     """A scene without traffic, and the solids in it: of a city the parked cars too."""
     if which == "street":
-        bare = open_scene(str(SCENES / "street.usda"))
+        bare = open_scene(str(STREET))
         return bare, street_solids(bare)
     if which in ("hill", CANYON):
         bare = two_blocks() if which == "hill" else open_scene(which)

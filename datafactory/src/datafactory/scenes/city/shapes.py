@@ -38,7 +38,7 @@ class Polygon:
 class Surface:
     """Welded polygons.
 
-    :param vertices: [V, 3] [m], float64, to the millimetre
+    :param vertices: [V, 3] [m], float64, rounded
     :param faces: vertex indices of each planar convex face, counter-clockwise seen from outside
     :param materials: the material key of each face
     """
@@ -47,19 +47,21 @@ class Surface:
     faces: tuple[tuple[int, ...], ...]
     materials: tuple[str, ...]
 
-    def moved(self, offset: ArrayLike, rotation: ArrayLike | None = None) -> Surface:
+    def moved(
+        self, offset: ArrayLike, rotation: ArrayLike | None = None, decimals: int = MILLIMETRE_DECIMALS
+    ) -> Surface:
         """The same body rotated by a proper rotation [3, 3] and then shifted by ``offset`` [3] in metres."""
         turned = self.vertices if rotation is None else self.vertices @ np.asarray(rotation, dtype=np.float64).T
-        return Surface(np.round(turned + np.asarray(offset), MILLIMETRE_DECIMALS), self.faces, self.materials)
+        return Surface(np.round(turned + np.asarray(offset), decimals), self.faces, self.materials)
 
 
-def welded(polygons: Iterable[Polygon]) -> Surface:
-    """Polygons to one surface in which corners at the same millimetre are one vertex."""
+def welded(polygons: Iterable[Polygon], decimals: int = MILLIMETRE_DECIMALS) -> Surface:
+    """Polygons to one surface in which corners that are equal to these decimals are one vertex."""
     index: dict[tuple[float, ...], int] = {}
     faces, materials = [], []
     for polygon in polygons:
         # Adding 0.0 turns -0.0 into 0.0: the two compare equal but print differently.
-        corners = [tuple(corner) for corner in (np.round(polygon.corners, MILLIMETRE_DECIMALS) + 0.0).tolist()]
+        corners = [tuple(corner) for corner in (np.round(polygon.corners, decimals) + 0.0).tolist()]
         faces.append(tuple(index.setdefault(corner, len(index)) for corner in corners))
         materials.append(polygon.material)
     return Surface(np.array(list(index), dtype=np.float64).reshape(-1, 3), tuple(faces), tuple(materials))

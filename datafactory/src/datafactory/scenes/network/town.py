@@ -207,8 +207,8 @@ class Heights:
     def at(self, places: Real) -> Real:
         """[n] heights [m] at [n, 2] in the network's coordinates."""
         distance, index = self._tree.query(places, k=min(NEIGHBOURS, len(self._z)))
-        weight = 1.0 / (np.atleast_2d(distance) ** 2 + 1e-6)
-        return np.round((weight * np.atleast_2d(self._z[index])).sum(axis=1) / weight.sum(axis=1), 3)
+        weight = 1.0 / (distance**2 + 1e-6)
+        return np.round((weight * self._z[index]).sum(axis=1) / weight.sum(axis=1), 3)
 
 
 def road_area(network: Network, window: Any) -> Any:

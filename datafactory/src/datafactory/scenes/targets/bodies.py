@@ -6,8 +6,9 @@ Acceleration a then makes an error of a T^2 / 2 in place and a T in velocity by 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import MISSING, dataclass, fields, is_dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,28 +55,32 @@ class MovingParts:
         return MovingParts(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
 
-class RcsModel(Protocol):
-    """The interface of a target's model."""
+class RcsModel(ABC):
+    """A target's model. Its parts are fixed to it, unless it says otherwise."""
+
+    cross_polar_ratio_db: ClassVar[float] = np.inf
+    """Co-polarised over cross-polarised echo [dB]; infinite where there is no depolarisation."""
 
     @property
-    def cross_polar_ratio_db(self) -> float:
-        """Co-polarised over cross-polarised echo [dB]; infinite where there is no depolarisation."""
-
-    @property
+    @abstractmethod
     def nominal_rcs_dbsm(self) -> float:
         """One number for lists [dBsm]: the mean of a road user, the best aspect of a body at 77 GHz."""
 
     @property
+    @abstractmethod
     def footprint_m(self) -> float:
         """Radius [m] of the circle on the ground, around the target's origin, that holds it."""
 
     @property
+    @abstractmethod
     def extent_m(self) -> Extent:
         """The box that the target fills."""
 
     def far_field_m(self, wavelength_m: float) -> float:
         """Distance [m] from which on the model holds."""
+        return 0.0
 
+    @abstractmethod
     def echoes(self, radar: Real, wavelength_m: float) -> tuple[Real, Real]:
         """Echo points [N, 3] [m] in the target's frame and their cross sections [N] [m^2]: those fixed to the body.
 
@@ -87,22 +92,10 @@ class RcsModel(Protocol):
 
         :param radar: as in ``echoes``
         """
-
-    def unfit(self, forward_mps: float) -> str:
-        """Why the model cannot move at this speed, in words; "" where it can."""
-
-
-class Rigid:
-    """A model without moving parts, and without depolarisation unless it says so."""
-
-    cross_polar_ratio_db: ClassVar[float] = np.inf
-
-    def parts(self, radar: Real, motion: Motion) -> MovingParts:
-        """None."""
         return MovingParts.none()
 
     def unfit(self, forward_mps: float) -> str:
-        """Fit for every speed."""
+        """Why the model cannot move at this speed, in words; "" where it can."""
         return ""
 
 
@@ -121,7 +114,7 @@ def text_without_defaults(model: object) -> str:
 
 
 @dataclass(frozen=True)
-class Sphere(Rigid):
+class Sphere(RcsModel):
     """A sphere about the origin; it echoes from its nearest point, up to 20 log10(1 + r / d) weaker at d from there."""
 
     radius_m: float
@@ -147,7 +140,7 @@ class Sphere(Rigid):
 
 
 @dataclass(frozen=True)
-class Cylinder(Rigid):
+class Cylinder(RcsModel):
     """The curved side of a cylinder about z, its middle at the origin."""
 
     radius_m: float
@@ -176,7 +169,7 @@ class Cylinder(Rigid):
 
 
 @dataclass(frozen=True)
-class Plate(Rigid):
+class Plate(RcsModel):
     """A flat plate across x, its width along y and its height along z; both sides echo."""
 
     width_m: float
@@ -206,7 +199,7 @@ class Plate(Rigid):
 
 
 @dataclass(frozen=True)
-class Dihedral(Rigid):
+class Dihedral(RcsModel):
     """A right angle between two faces, open towards +x, its edge along z with its middle at the origin."""
 
     face_m: float
@@ -236,7 +229,7 @@ class Dihedral(Rigid):
 
 
 @dataclass(frozen=True)
-class Trihedral(Rigid):
+class Trihedral(RcsModel):
     """Three right-angled triangles with their apex at the origin, open towards +x; one inner edge leans up."""
 
     edge_m: float

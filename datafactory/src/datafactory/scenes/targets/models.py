@@ -39,15 +39,7 @@ from typing import ClassVar
 import numpy as np
 
 from datafactory.scenes.targets import bodies
-from datafactory.scenes.targets.bodies import (
-    Extent,
-    Motion,
-    MovingParts,
-    RcsModel,
-    Real,
-    Rigid,
-    text_without_defaults,
-)
+from datafactory.scenes.targets.bodies import Extent, Motion, MovingParts, RcsModel, Real, text_without_defaults
 from datafactory.scenes.targets.walking import FASTEST_RV, leg_m, parts_of_walker
 from shared.physics.units import db_to_power
 from shared.physics.vectors import unit
@@ -88,7 +80,7 @@ class _Lobe:
 
 
 @dataclass(frozen=True, repr=False)
-class Car(Rigid):
+class Car(RcsModel):
     """A passenger car of 5.0 x 2.0 x 1.6 m (TR 37.885, type 2): five scattering points, one a face.
 
     At the lobes' centres the points' sum is 15.5 dBsm in front, 20.8 at either side, 14.6 behind, and over the sphere
@@ -117,9 +109,6 @@ class Car(Rigid):
     cross_polar_ratio_db: ClassVar[float] = 21.12
     nominal_rcs_dbsm: ClassVar[float] = 11.25
 
-    def far_field_m(self, wavelength_m: float) -> float:
-        return 0.0
-
     def echoes(self, radar: Real, wavelength_m: float) -> tuple[Real, Real]:
         points = np.array([lobe.position for lobe in self.LOBES])
         directions = unit(radar - points)
@@ -140,7 +129,7 @@ class Car(Rigid):
 
 
 @dataclass(frozen=True, repr=False)
-class Pedestrian(Rigid):
+class Pedestrian(RcsModel):
     """A human (TR 38.901, Table 7.9.2.1-1): one point at half of 1.75 m, the same -1.37 dBsm from everywhere.
 
     :param stature_m: the human walks with limbs that move, see :mod:`datafactory.scenes.targets.walking`: 16 points
@@ -161,9 +150,6 @@ class Pedestrian(Rigid):
     def extent_m(self) -> Extent:
         """0.5 m along and across, as TR 38.901 (Release 19) has an adult, and its stature."""
         return (-0.25, -0.25, 0.0), (0.25, 0.25, self.stature_m or self.STATURE_M)
-
-    def far_field_m(self, wavelength_m: float) -> float:
-        return 0.0
 
     def echoes(self, radar: Real, wavelength_m: float) -> tuple[Real, Real]:
         if self.stature_m is not None:
@@ -190,7 +176,7 @@ class Pedestrian(Rigid):
 
 
 @dataclass(frozen=True, repr=False)
-class Cyclist(Rigid):
+class Cyclist(RcsModel):
     """A cyclist: rider and two wheels, -8 dBsm together from the side, -13 dBsm from ahead and behind.
 
     The two levels are the ends of the span that Belgiovane and Chen ("Bicycles and human riders backscattering at 77
@@ -210,9 +196,6 @@ class Cyclist(Rigid):
     extent_m: ClassVar[Extent] = (-0.9, -0.3, 0.0), (0.9, 0.3, 1.75)  # an assumption: the wheels' rims, a handlebar
     cross_polar_ratio_db: ClassVar[float] = 19.81
     nominal_rcs_dbsm: ClassVar[float] = -9.8  # the mean over azimuth
-
-    def far_field_m(self, wavelength_m: float) -> float:
-        return 0.0
 
     def echoes(self, radar: Real, wavelength_m: float) -> tuple[Real, Real]:
         fixed = slice(None) if self.wheel_radius_m is None else slice(1)
