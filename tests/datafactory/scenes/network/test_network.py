@@ -122,6 +122,30 @@ def test_roads_are_as_large_as_their_lanes_and_lie_above_the_land(built: tuple[l
     assert lowest_clearance(corners.mean(axis=1), land.vertices[triangles_of(land)]) > 0.05
 
 
+def test_kerbs_face_the_road_and_edges_the_land(built: tuple[list[Placement], int]) -> None:
+    """Along outlines and along holes: what they face away from tells right angles that return from others."""
+    surface = {item.path: item.surface for item in built[0] if item.path.startswith("Ground/")}
+    road, pavement, edge = (surface[f"Ground/{name}"] for name in ("Road_0", "Pavement", "Edge"))
+    assert road is not None
+    assert pavement is not None
+    assert edge is not None
+    road_at, paved_at, sides = (item.vertices[triangles_of(item)] for item in (road, pavement, edge))
+    upright = np.ptp(paved_at[:, :, 2], axis=1) > 0.1
+    kerbs, flat = paved_at[upright], paved_at[~upright]
+    assert len(kerbs) > 40
+    assert share_over(kerbs, 0.2, road_at) > 0.9
+    assert share_over(kerbs, -0.2, flat) > 0.9
+    assert share_over(sides, -0.2, np.concatenate([flat, road_at])) > 0.9
+    assert share_over(sides, 0.2, np.concatenate([flat, road_at])) < 0.1
+
+
+def share_over(faces: np.ndarray, metres: float, ground: np.ndarray) -> float:
+    """Which share of upright faces [F, 3, 3] has ground [T, 3, 3] so far along their normals."""
+    normal = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
+    places = faces.mean(axis=1) + metres * normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    return float(np.mean([np.isfinite(lowest_clearance(place[None], ground)) for place in places]))
+
+
 def lowest_clearance(points: np.ndarray, triangles: np.ndarray) -> float:
     """How far [m] the lowest of points [n, 3] lies above a surface of triangles [T, 3, 3], straight down."""
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]

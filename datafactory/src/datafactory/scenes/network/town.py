@@ -295,10 +295,10 @@ def _upright(area: Any, heights: Heights, levels: tuple[float, float], material:
     border = heights.window.exterior.buffer(0.02)
     low, high = sorted(levels)
     for part in shapely.get_parts(shapely.segmentize(area, OUTLINE_STEP_M)):
-        for ring in (part.exterior, *part.interiors):
+        for exterior, ring in ((True, part.exterior), *((False, ring) for ring in part.interiors)):
             line = np.array(shapely.normalize(shapely.Polygon(ring)).exterior.coords)
             signed = 0.5 * float(np.sum(line[:-1, 0] * line[1:, 1] - line[1:, 0] * line[:-1, 1]))
-            outwards = (signed > 0.0) == (ring is part.exterior)
+            outwards = (signed > 0.0) == exterior
             line = line if outwards else line[::-1]  # the area lies to the left
             z = heights.at(line)
             for (a, za), (b, zb) in pairwise(zip(line, z, strict=True)):
