@@ -134,7 +134,7 @@ def test_kerbs_face_the_road_and_edges_the_land(built: tuple[list[Placement], in
     kerbs, flat = paved_at[upright], paved_at[~upright]
     assert len(kerbs) > 40
     assert share_over(kerbs, 0.2, road_at) > 0.9
-    assert share_over(kerbs, -0.2, flat) > 0.9
+    assert share_over(kerbs, -0.2, flat) > 0.8  # a road that ends has no pavement behind it
     assert share_over(sides, -0.2, np.concatenate([flat, road_at])) > 0.9
     assert share_over(sides, 0.2, np.concatenate([flat, road_at])) < 0.1
 
