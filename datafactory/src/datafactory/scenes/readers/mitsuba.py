@@ -115,7 +115,7 @@ def _tube(shape: Shape) -> common.Mesh:
 class Bsdf:
     """What a shape's BSDF says of its material.
 
-    :param name: its id, or where it has none its type; "" without both
+    :param name: its id, or where it has none its type, or that of a BSDF within it; "" without all
     :param itu: the type that it states of ITU-R P.2040's, e.g. ``"wet_ground"``; "" without one
     :param electrical: which of ``ELECTRICAL`` it states
     """
@@ -261,9 +261,9 @@ def _shape(
             target = aliases.get(child.get("id", ""), child.get("id", ""))
             if target not in objects:
                 raise InputError(path, f"shape {name!r}: reference to {target!r}", "the id of an object in the scene")
-            bsdf = _bsdf(objects[target]) if objects[target].tag == "bsdf" else bsdf
+            bsdf = _bsdf(objects[target], objects, aliases) if objects[target].tag == "bsdf" else bsdf
         elif child.tag == "bsdf":
-            bsdf = _bsdf(child)
+            bsdf = _bsdf(child, objects, aliases)
         elif key in TRANSFORM_NAMES:
             if child.tag != "transform":
                 problem = f"shape {name!r}: {key} = {child.get('value', '')!r} is a <{child.tag}>"
@@ -274,7 +274,18 @@ def _shape(
     return Shape(path, name, element.get("type", ""), bsdf, to_world, properties)
 
 
-def _bsdf(element: ElementTree.Element) -> Bsdf:
+def _bsdf(element: ElementTree.Element, objects: dict[str, ElementTree.Element], aliases: dict[str, str]) -> Bsdf:
+    """What a BSDF says; a wrapper without a name, such as twosided, says what the first one with a name in it does."""
+    for inner in element.iter():
+        if inner.tag == "ref":
+            inner = objects.get(aliases.get(inner.get("id", ""), inner.get("id", "")), inner)
+        found = _stated(inner) if inner.tag == "bsdf" else Bsdf()
+        if found.name:
+            return found
+    return _stated(element)
+
+
+def _stated(element: ElementTree.Element) -> Bsdf:
     name = element.get("id", "")
     stated = {child.get("name", ""): child.get("value", "") for child in element}
     is_itu = element.get("type") == ITU_PLUGIN or ITU_ID.match(name) is not None
