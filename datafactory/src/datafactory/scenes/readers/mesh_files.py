@@ -15,6 +15,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from datafactory.scenes.readers.common import MAXIMUM_TRIANGLES, Y_UP_TO_Z_UP, Notes, check_counts, scene_at_rest
+from datafactory.scenes.readers.obj import load_obj
 from datafactory.scenes.scene import Scene
 from shared.physics.errors import InputError
 
@@ -29,7 +30,7 @@ GLTF_GEOMETRY_EXTENSIONS = (
 logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # it would print remarks about textures
 
 
-def load_mesh(path: Path, source: object) -> tuple[NDArray[np.floating], NDArray[np.int64]]:
+def load_mesh(path: Path, source: object, notes: Notes) -> tuple[NDArray[np.floating], NDArray[np.int64]]:
     """The one mesh of a PLY or OBJ file that another scene file refers to, its vertices not merged.
 
     :param source: what an error is to name, e.g. the scene file and the shape
@@ -38,7 +39,7 @@ def load_mesh(path: Path, source: object) -> tuple[NDArray[np.floating], NDArray
     """
     parts = [
         (_in_file_precision(part, path), part.faces)  # neither format places its meshes
-        for _, _, part in _placed_geometries(path, source)
+        for _, _, part in _placed_geometries(path, source, notes)
         if isinstance(part, trimesh.Trimesh)
     ]
     if not parts:
@@ -62,7 +63,7 @@ def read_mesh_file(path: Path) -> Scene:
     if suffix in (".glb", ".gltf"):
         to_world[:3, :3] = Y_UP_TO_Z_UP
         _check_gltf(path, notes)
-    parts = _placed_geometries(path, path)
+    parts = _placed_geometries(path, path, notes)
     meshes = [(name, matrix, part) for name, matrix, part in parts if isinstance(part, trimesh.Trimesh)]
     for _, _, part in parts:
         if not isinstance(part, trimesh.Trimesh):
@@ -78,11 +79,20 @@ def read_mesh_file(path: Path) -> Scene:
     return scene_at_rest(path, path.stem, "mesh", plain, notes)
 
 
+def _load_as_it_is(path: Path, _: Notes) -> trimesh.Scene:
+    return trimesh.load_scene(path, process=False)
+
+
+LOADERS = {".obj": load_obj}
+
+
 def _material(part: trimesh.Trimesh) -> str:
     return _text(str(getattr(getattr(part.visual, "material", None), "name", None) or ""))
 
 
-def _placed_geometries(path: Path, source: object) -> list[tuple[str, NDArray[np.float64], trimesh.parent.Geometry]]:
+def _placed_geometries(
+    path: Path, source: object, notes: Notes
+) -> list[tuple[str, NDArray[np.float64], trimesh.parent.Geometry]]:
     """Every node with geometry: its name (unique), its [4, 4] matrix in column convention, the geometry.
 
     :param source: what an error is to name
@@ -91,7 +101,7 @@ def _placed_geometries(path: Path, source: object) -> list[tuple[str, NDArray[np
         raise InputError(source, f"mesh file {str(path)!r} does not exist", "an existing file")
     parts = []
     try:
-        scene = trimesh.load_scene(path, process=False, split_object=True, group_material=True)
+        scene = LOADERS.get(path.suffix.lower(), _load_as_it_is)(path, notes)
         for node in scene.graph.nodes_geometry:
             matrix, geometry = scene.graph[node]
             placement = np.asarray(matrix, dtype=np.float64).reshape(4, 4)

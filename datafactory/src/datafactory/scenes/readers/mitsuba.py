@@ -66,7 +66,7 @@ def read_mitsuba(path: str | Path, name: str | None = None) -> Scene:
 def _meshes(shapes: list[Shape], notes: Notes) -> Iterator[common.PlainMesh]:
     known: dict[tuple[str, str], Mesh] = {}
     for shape in shapes:
-        mesh = _mesh(shape, known)
+        mesh = _mesh(shape, known, notes)
         if mesh is None:
             notes.count(f"# shapes of type {shape.kind!r} ignored")
             continue
@@ -75,7 +75,7 @@ def _meshes(shapes: list[Shape], notes: Notes) -> Iterator[common.PlainMesh]:
         yield shape.name, shape.bsdf.name, points, triangles, shape.to_world
 
 
-def _mesh(shape: Shape, known: dict[tuple[str, str], Mesh]) -> Mesh | None:
+def _mesh(shape: Shape, known: dict[tuple[str, str], Mesh], notes: Notes) -> Mesh | None:
     """Vertices, in the file's precision, and triangles before to_world; None for a plugin that is not supported.
 
     Defaults are Mitsuba's.
@@ -90,7 +90,8 @@ def _mesh(shape: Shape, known: dict[tuple[str, str], Mesh]) -> Mesh | None:
     file = shape.text("filename") if shape.kind in ("ply", "obj") else ""
     if (shape.kind, file) not in known:
         if file:
-            known[shape.kind, file] = load_mesh(shape.path.parent / file, f"{shape.path}, shape {shape.name!r}")
+            source = f"{shape.path}, shape {shape.name!r}"
+            known[shape.kind, file] = load_mesh(shape.path.parent / file, source, notes)
         elif shape.kind in FIXED:
             known[shape.kind, file] = FIXED[shape.kind]()
     return known.get((shape.kind, file))

@@ -1,0 +1,97 @@
+"""OBJ, PLY and glTF files as other programs write them: polygons, indices, materials, and what is not read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from usd_files import area
+
+from datafactory.scenes.readers.mitsuba import read_mitsuba
+from datafactory.scenes.readers.open import open_scene
+from datafactory.scenes.scene import Scene
+from shared.physics.errors import InputError
+
+YARD = [(0, 0), (6, 0), (6, 6), (4, 6), (4, 2), (2, 2), (2, 6), (0, 6)]
+"""The outline of a house around a yard, 28 m2; a fan covers the yard too."""
+SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+
+
+def opened(path: Path, content: str | bytes) -> Scene:
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return open_scene(str(path))
+
+
+def covered(scene: Scene) -> float:
+    return sum(area(item) for item in scene.objects)
+
+
+def obj_outline(outline: list[tuple[int, int]]) -> str:
+    corners = " ".join(f"{number}/1" for number in range(1, len(outline) + 1))
+    return "vt 0 0\n" + "".join(f"v {x} {y} 0\n" for x, y in outline) + f"f {corners}\n"
+
+
+@pytest.mark.parametrize(("outline", "size"), [(YARD, 28.0), ([(0, 0), (4, 0), (1, 1), (0, 4)], 4.0)])
+def test_a_concave_face_of_an_obj_file_covers_its_outline_alone(
+    tmp_path: Path, outline: list[tuple[int, int]], size: float
+) -> None:
+    for shift in range(len(outline)):
+        turned = outline[shift:] + outline[:shift]
+        scene = opened(tmp_path / "m.obj", obj_outline(turned))
+        assert covered(scene) == pytest.approx(size)
+        corners = scene.objects[0].vertices[scene.objects[0].triangles]
+        assert (np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] > 0).all()
+
+
+def test_concave_faces_that_a_mitsuba_file_refers_to_are_cut_alike(tmp_path: Path) -> None:
+    (tmp_path / "m.obj").write_text(obj_outline(YARD))
+    shape = '<shape type="obj" id="m"><string name="filename" value="m.obj"/></shape>'
+    (tmp_path / "scene.xml").write_text(f'<scene version="3.0.0">{shape}</scene>')
+    assert covered(read_mitsuba(tmp_path / "scene.xml")) == pytest.approx(28.0)
+
+
+def test_a_face_that_crosses_itself_is_told(tmp_path: Path) -> None:
+    scene = opened(tmp_path / "m.obj", obj_outline([(0, 0), (2, 0), (0, 2), (2, 2), (1, 3)]))
+    assert "1 faces whose outline crosses itself cut into a fan" in scene.warnings
+
+
+@pytest.mark.parametrize(
+    "faces",
+    [
+        "f 1 2 3\nf 1 3 4",
+        "f -4 -3 -2\nf -4 -2 -1",
+        "f\t1 2 3\n  f 1 3 4",
+        "f 1 2 3 # the first\nf 1 3 4# and the second",
+        "f 1 2 \\\n3\nf 1\\\r\n 3 4",
+        "vt 0 0\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1\nf -4//-1 -2//-1 -1//-1",
+        "#usemtl brick\nf 1 2 3 4",
+    ],
+)
+def test_obj_statements_are_read_as_the_format_has_them(tmp_path: Path, faces: str) -> None:
+    later = "v 9 9 9\nv 8 8 8\nv 8 9 9\nv 9 8 8\n"
+    (item,) = opened(tmp_path / "m.obj", f"{SQUARE}{faces}\n{later}").objects
+    np.testing.assert_array_equal(item.vertices, [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)])
+    np.testing.assert_array_equal(item.triangles[0], [0, 1, 2])
+    assert (area(item), item.material) == (1.0, "")
+
+
+def test_indented_vertices_count(tmp_path: Path) -> None:
+    (item,) = opened(tmp_path / "m.obj", "  v 0 0 0 # here\n\tv 1 0 0\nv\t1 1 0\nf 1 2 3\n").objects
+    assert area(item) == 0.5
+
+
+@pytest.mark.parametrize("index", ["-5", "5"])
+def test_an_index_that_leads_nowhere_is_refused_in_one_line(tmp_path: Path, index: str) -> None:
+    with pytest.raises(InputError, match=r"m\.obj.* cannot be read") as caught:
+        opened(tmp_path / "m.obj", f"{SQUARE}f 1 2 {index}\n")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("mtl", [None, "newmtl brick\nKd 1 0 0\n"])
+@pytest.mark.parametrize("first", ["", "mtllib m.mtl\n"])
+def test_a_material_keeps_its_name_without_an_entry_in_an_mtl_file(tmp_path: Path, first: str, mtl: str | None) -> None:
+    if mtl is not None:
+        (tmp_path / "m.mtl").write_text(mtl)
+    body = f"{first}{SQUARE}usemtl brick\nf 1 2 3\nusemtl glass # of the shop\nf 1 3 4\n"
+    assert {item.material for item in opened(tmp_path / "m.obj", body).objects} == {"brick", "glass"}
