@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -95,3 +96,46 @@ def test_a_material_keeps_its_name_without_an_entry_in_an_mtl_file(tmp_path: Pat
         (tmp_path / "m.mtl").write_text(mtl)
     body = f"{first}{SQUARE}usemtl brick\nf 1 2 3\nusemtl glass # of the shop\nf 1 3 4\n"
     assert {item.material for item in opened(tmp_path / "m.obj", body).objects} == {"brick", "glass"}
+
+
+def ply(vertices: list[tuple[float, ...]], faces: list[list[int]], order: str = "<", number: str = "float") -> bytes:
+    """A PLY file: text where the byte order is "", else binary."""
+    form = {"": "ascii", "<": "binary_little_endian", ">": "binary_big_endian"}[order]
+    axes = "".join(f"property {number} {axis}\n" for axis in "xyz")
+    header = f"""ply\nformat {form} 1.0\nelement vertex {len(vertices)}\n{axes}element face {len(faces)}
+property uchar red\nproperty list uchar int vertex_indices\nend_header\n"""
+    if not order:
+        rows = [*vertices, *([255, len(face), *face] for face in faces)]
+        return (header + "\n".join(" ".join(str(value) for value in row) for row in rows) + "\n").encode()
+    points = np.array(vertices, order + ("f4" if number == "float" else "f8")).tobytes()
+    return header.encode() + points + b"".join(struct.pack(f"{order}BB{len(f)}i", 255, len(f), *f) for f in faces)
+
+
+@pytest.mark.parametrize("order", ["", "<", ">"])
+def test_a_concave_face_of_a_ply_file_covers_its_outline_alone(tmp_path: Path, order: str) -> None:
+    faces = [[*range(8)], [*reversed(range(8))], [0, 1, 2, 9]]
+    data = ply([(x, y, 0.1) for x, y in YARD], faces, order)
+    scene = opened(tmp_path / "m.ply", data)
+    (item,) = scene.objects
+    assert (item.name, covered(scene)) == ("m.ply", pytest.approx(2 * 28.0))
+    assert np.unique(item.vertices[:, 2]) == np.float32(0.1)
+    assert "1 faces with fewer than three corners or an index out of range dropped" in scene.warnings
+
+
+@pytest.mark.parametrize("number", ["float", "double"])
+@pytest.mark.parametrize("order", ["", "<", ">"])
+@pytest.mark.parametrize("sizes", [(3, 4, 5), (4, 3, 5), (5, 5, 4)])  # the second is as long as three of four corners
+def test_a_ply_file_of_faces_of_different_sizes_is_read(
+    tmp_path: Path, sizes: tuple[int, ...], order: str, number: str
+) -> None:
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (-0.1, 0.5, 0)]
+    scene = opened(tmp_path / "m.ply", ply(corners, [[*range(size)] for size in sizes], order, number))
+    assert covered(scene) == pytest.approx(sum({3: 0.5, 4: 1.0, 5: 1.05}[size] for size in sizes))
+    assert scene.objects[0].vertices[:, 0].min() == (np.float32(-0.1) if number == "float" else -0.1)
+
+
+def test_a_torn_ply_file_of_faces_of_different_sizes_is_refused(tmp_path: Path) -> None:
+    whole = ply([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [[0, 1, 2], [0, 1, 2, 3]])
+    for torn in (whole[:-1], whole + b"x", whole[:-17] + b"\xff" + whole[-16:]):
+        with pytest.raises(InputError, match=r"m\.ply.* cannot be read"):
+            opened(tmp_path / "m.ply", torn)

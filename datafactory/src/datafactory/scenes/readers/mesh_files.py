@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from datafactory.scenes.readers.common import MAXIMUM_TRIANGLES, Y_UP_TO_Z_UP, Notes, check_counts, scene_at_rest
 from datafactory.scenes.readers.obj import load_obj
+from datafactory.scenes.readers.ply import load_ply
 from datafactory.scenes.scene import Scene
 from shared.physics.errors import InputError
 
@@ -83,7 +84,7 @@ def _load_as_it_is(path: Path, _: Notes) -> trimesh.Scene:
     return trimesh.load_scene(path, process=False)
 
 
-LOADERS = {".obj": load_obj}
+LOADERS = {".obj": load_obj, ".ply": load_ply}
 
 
 def _material(part: trimesh.Trimesh) -> str:
