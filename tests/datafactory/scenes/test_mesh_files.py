@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import base64
+import json
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -139,3 +142,53 @@ def test_a_torn_ply_file_of_faces_of_different_sizes_is_refused(tmp_path: Path) 
     for torn in (whole[:-1], whole + b"x", whole[:-17] + b"\xff" + whole[-16:]):
         with pytest.raises(InputError, match=r"m\.ply.* cannot be read"):
             opened(tmp_path / "m.ply", torn)
+
+
+def gltf(folder: Path, primitives: list[dict[str, Any]], **more: Any) -> Scene:
+    """A square of two triangles as accessors 0 (corners) and 1 (indices); 2 are the corners, the last one moved."""
+    corners = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)], "<f4").tobytes()
+    data = corners + np.array([0, 1, 2, 2, 1, 3, 3, 0], "<u2").tobytes() + np.array([(5, 5, 0)], "<f4").tobytes()
+    place = {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"}
+    moved = {"count": 1, "indices": {"bufferView": 2, "componentType": 5123}, "values": {"bufferView": 3}}
+    header = {
+        "asset": {"version": "2.0"},
+        "buffers": [{"byteLength": len(data), "uri": "data:;base64," + base64.b64encode(data).decode()}],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": start, "byteLength": length}
+            for start, length in ((0, 48), (48, 12), (58, 2), (64, 12))
+        ],
+        "accessors": [
+            place, {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"}, {**place, "sparse": moved}
+        ],
+        "meshes": [{"primitives": primitives}], "nodes": [{"mesh": 0}], "scenes": [{"nodes": [0]}], "scene": 0, **more,
+    }  # fmt: skip
+    return opened(folder / "m.gltf", json.dumps(header))
+
+
+SHEET = {"attributes": {"POSITION": 0}, "indices": 1}
+
+
+def test_gltf_corners_in_a_sparse_accessor_are_refused_and_others_are_not(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"accessor 2 of a mesh is sparse; expected a file exported without"):
+        gltf(tmp_path, [{**SHEET, "attributes": {"POSITION": 2}}])
+    assert gltf(tmp_path, [{**SHEET, "targets": [{"POSITION": 2}]}]).warnings == ()
+
+
+def test_gltf_primitives_that_are_left_out_are_counted(tmp_path: Path) -> None:
+    fan, strip, line = ({"attributes": {"POSITION": 0}, "mode": mode} for mode in (6, 5, 3))
+    scene = gltf(tmp_path, [SHEET, fan, strip, line, fan])
+    assert scene.warnings == ("1 glTF line strips ignored", "2 glTF triangle fans ignored")
+    assert [area(item) for item in scene.objects] == [1.0, 1.0]  # the strip is read
+    with pytest.raises(InputError, match=r"the scene is empty \(1 glTF triangle fans ignored\)"):
+        gltf(tmp_path, [fan])
+
+
+def test_gltf_morph_weights_are_told_where_they_deform(tmp_path: Path) -> None:
+    morphing = [{**SHEET, "targets": [{"POSITION": 0}]}]
+    for weight, remarks in (
+        (0.0, ()),
+        (1.0, ("1 glTF morph weights ignored: meshes taken without their morph targets",)),
+    ):
+        assert gltf(tmp_path, morphing, nodes=[{"mesh": 0, "weights": [weight]}]).warnings == remarks
+        mesh = {"primitives": morphing, "weights": [weight]}
+        assert gltf(tmp_path, [], meshes=[mesh]).warnings == remarks

@@ -6,7 +6,6 @@ axis: they are taken as metres and z up, and the scene's warnings say so.
 
 from __future__ import annotations
 
-import json
 import logging
 from pathlib import Path
 
@@ -14,20 +13,13 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from datafactory.scenes.readers.common import MAXIMUM_TRIANGLES, Y_UP_TO_Z_UP, Notes, check_counts, scene_at_rest
+from datafactory.scenes.readers.common import Y_UP_TO_Z_UP, Notes, check_counts, scene_at_rest
+from datafactory.scenes.readers.gltf import check_gltf
 from datafactory.scenes.readers.obj import load_obj
 from datafactory.scenes.readers.ply import load_ply
 from datafactory.scenes.scene import Scene
 from shared.physics.errors import InputError
 
-# glTF extensions that change vertex positions and that trimesh does not decode.
-GLTF_GEOMETRY_EXTENSIONS = (
-    "KHR_draco_mesh_compression",
-    "EXT_meshopt_compression",
-    "KHR_meshopt_compression",
-    "KHR_mesh_quantization",
-    "EXT_mesh_gpu_instancing",
-)
 logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # it would print remarks about textures
 
 
@@ -63,7 +55,7 @@ def read_mesh_file(path: Path) -> Scene:
     to_world = np.eye(4)
     if suffix in (".glb", ".gltf"):
         to_world[:3, :3] = Y_UP_TO_Z_UP
-        _check_gltf(path, notes)
+        check_gltf(path, notes)
     parts = _placed_geometries(path, path, notes)
     meshes = [(name, matrix, part) for name, matrix, part in parts if isinstance(part, trimesh.Trimesh)]
     for _, _, part in parts:
@@ -135,25 +127,3 @@ def _in_file_precision(mesh: trimesh.Trimesh, path: Path) -> NDArray[np.floating
 def _text(name: str) -> str:
     """The name with lone surrogates, which JSON may hold and UTF-8 may not, written as escapes."""
     return name.encode("utf-8", "backslashreplace").decode("utf-8")
-
-
-def _check_gltf(path: Path, notes: Notes) -> None:
-    """Refuse extensions that trimesh reads wrongly, and note what it ignores."""
-    try:
-        data = path.read_bytes()
-        # A .glb is a 12-byte header, then chunks of (length, type, data), the JSON first (glTF 2.0, section 4.4).
-        if data[:4] == b"glTF":
-            data = data[20 : 20 + int.from_bytes(data[12:16], "little")]
-        header = json.loads(data)
-        required = set(header.get("extensionsRequired", ()))
-        animations, skins = len(header.get("animations", ())), len(header.get("skins", ()))
-        largest = max((int(accessor.get("count", 0)) for accessor in header.get("accessors", ())), default=0)
-    except (OSError, ValueError, AttributeError, TypeError, OverflowError, RecursionError) as error:
-        raise InputError(path, f"not a readable glTF file ({error})", "an intact .glb or .gltf file") from error
-    unread = sorted(required.intersection(GLTF_GEOMETRY_EXTENSIONS))
-    if unread:
-        raise InputError(path, f"uses the glTF extension {unread[0]}", "a file exported without it")
-    if largest > 3 * MAXIMUM_TRIANGLES:  # an accessor without a buffer has as many zeros
-        raise InputError(path, f"an accessor of {largest} elements", f"at most {3 * MAXIMUM_TRIANGLES}")
-    notes.count("# glTF animations ignored: every object stands still", animations)
-    notes.count("# glTF skins ignored: meshes taken in their rest pose", skins)
