@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +56,13 @@ def test_concave_faces_that_a_mitsuba_file_refers_to_are_cut_alike(tmp_path: Pat
     assert covered(read_mitsuba(tmp_path / "scene.xml")) == pytest.approx(28.0)
 
 
+def test_convex_faces_stay_as_they_were_beside_concave_ones(tmp_path: Path) -> None:
+    """Names and order, on which a scene's hash depends."""
+    square = "mtllib m.mtl\ns off\no a\n" + SQUARE + "f 1 2 3 4\n"
+    (plain,), (rewritten,) = (opened(tmp_path / "m.obj", square + more).objects for more in ("", "# 1\n # 2\n"))
+    assert (plain.name, plain.triangles.tolist()) == (rewritten.name, rewritten.triangles.tolist())
+
+
 def test_a_face_that_crosses_itself_is_told(tmp_path: Path) -> None:
     scene = opened(tmp_path / "m.obj", obj_outline([(0, 0), (2, 0), (0, 2), (2, 2), (1, 3)]))
     assert "1 faces whose outline crosses itself cut into a fan" in scene.warnings
@@ -101,7 +109,9 @@ def test_a_material_keeps_its_name_without_an_entry_in_an_mtl_file(tmp_path: Pat
     assert {item.material for item in opened(tmp_path / "m.obj", body).objects} == {"brick", "glass"}
 
 
-def ply(vertices: list[tuple[float, ...]], faces: list[list[int]], order: str = "<", number: str = "float") -> bytes:
+def ply(
+    vertices: Sequence[tuple[float, ...]], faces: Sequence[list[int]], order: str = "<", number: str = "float"
+) -> bytes:
     """A PLY file: text where the byte order is "", else binary."""
     form = {"": "ascii", "<": "binary_little_endian", ">": "binary_big_endian"}[order]
     axes = "".join(f"property {number} {axis}\n" for axis in "xyz")

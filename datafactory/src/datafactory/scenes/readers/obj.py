@@ -30,7 +30,7 @@ ODD = tuple(
 )
 MATERIAL = re.compile(r"\nusemtl +([^\n]*)")
 POINTS = ("v", "vt", "vn")  # what a corner's indices refer to, in this order
-NAMES = ("usemtl", "o", "g", "mtllib")
+NAMES = ("usemtl", "o", "g", "s", "mtllib")
 
 
 def load_obj(path: Path, notes: Notes) -> trimesh.Scene:
@@ -124,5 +124,9 @@ def _cut_concave(
     for number in np.flatnonzero(find_concave(points, counts, indices)):
         place, corners = polygons[number]
         outline = points[indices[first[number] : first[number] + len(corners)]]
-        triangles, _ = triangulate(outline, counts[[number]], np.arange(len(corners)), notes)
+        remarks = Notes()
+        triangles, _ = triangulate(outline, counts[[number]], np.arange(len(corners)), remarks)
+        notes.repeat(remarks)
+        if remarks.sentences():  # cut into a fan, as trimesh does
+            continue
         lines[place] = "\n".join(f"f {corners[a]} {corners[b]} {corners[c]}" for a, b, c in triangles)

@@ -35,13 +35,13 @@ class Polygons(NamedTuple):
 class Property(NamedTuple):
     """A number of each row of an element, or a list of numbers.
 
-    :param count: numpy's name for the type of a list's length; "" for one number
-    :param type: numpy's name for the type of the numbers
+    :param length: numpy's name for the type of a list's length; "" for one number
+    :param kind: numpy's name for the type of the numbers
     """
 
     name: str
-    count: str
-    type: str
+    length: str
+    kind: str
 
 
 def load_ply(path: Path, notes: Notes) -> trimesh.Scene:
@@ -97,8 +97,8 @@ def _read_binary(path: Path) -> Polygons | None:
     points = np.empty((0, 3))
     faces: list[NDArray[np.integer]] = []
     for element, count, properties in _elements(header.decode()):
-        if not any(item.count for item in properties):
-            rows = np.frombuffer(data, np.dtype([(item.name, item.type) for item in properties]), count, place)
+        if not any(item.length for item in properties):
+            rows = np.frombuffer(data, np.dtype([(item.name, item.kind) for item in properties]), count, place)
             place += rows.nbytes
             if element == "vertex":
                 points = np.column_stack([rows[axis] for axis in "xyz"])
@@ -106,12 +106,12 @@ def _read_binary(path: Path) -> Polygons | None:
         for _ in range(count):
             for item in properties:
                 length = 1
-                if item.count:
-                    length = int(np.frombuffer(data, item.count, 1, place)[0])
-                    place += np.dtype(item.count).itemsize
+                if item.length:
+                    length = int(np.frombuffer(data, item.length, 1, place)[0])
+                    place += np.dtype(item.length).itemsize
                 if length < 0:  # numpy would read to the end
                     raise ValueError("a list of negative length")
-                values = np.frombuffer(data, item.type, length, place)
+                values = np.frombuffer(data, item.kind, length, place)
                 place += values.nbytes
                 if element == "face" and item.name in CORNERS:
                     faces.append(values)
@@ -128,8 +128,8 @@ def _elements(header: str) -> list[tuple[str, int, list[Property]]]:
         match line.split():
             case ["element", name, count]:
                 elements.append((name, int(count), []))
-            case ["property", "list", count, kind, name]:
-                elements[-1][2].append(Property(name, order + TYPES[count], order + TYPES[kind]))
+            case ["property", "list", length, kind, name]:
+                elements[-1][2].append(Property(name, order + TYPES[length], order + TYPES[kind]))
             case ["property", kind, name]:
                 elements[-1][2].append(Property(name, "", order + TYPES[kind]))
     return elements
