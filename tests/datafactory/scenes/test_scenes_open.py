@@ -240,6 +240,22 @@ def test_materials_are_named_by_their_outer_id_and_need_not_be_known(tmp_path: P
     ]
 
 
+@pytest.mark.parametrize(
+    "inner",
+    [
+        '<bsdf type="diffuse" id="glass"/>',
+        '<bsdf type="bumpmap"><texture type="bitmap" id="t"/><bsdf type="diffuse" id="glass"/></bsdf>',
+        '<bsdf type="itu-radio-material"><string name="type" value="glass"/></bsdf>',
+        '<ref id="glass"/>',
+    ],
+)
+def test_a_wrapper_without_a_name_has_that_of_what_it_wraps(tmp_path: Path, inner: str) -> None:
+    other = '<bsdf type="diffuse" id="glass"/>' if "ref" in inner else ""
+    body = f"""{other}<shape type="cube" id="a"><bsdf type="twosided">{inner}</bsdf></shape>
+      <shape type="cube" id="b"><bsdf type="twosided"><ref id="gone"/><bsdf type="diffuse"/></bsdf></shape>"""
+    assert [item.material for item in read_mitsuba(xml(tmp_path, body)).objects] == ["glass", ""]
+
+
 def test_a_stated_itu_type_counts_more_than_the_id(tmp_path: Path) -> None:
     """Sionna reads a type of its own plugin, and of any BSDF whose id begins with itu_ or mat-itu_."""
     body = """<bsdf type="itu-radio-material" id="wood-mat"><string name="type" value="metal"/>

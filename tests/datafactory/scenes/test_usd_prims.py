@@ -11,7 +11,7 @@ import pytest
 from usd_files import CUBE, area, ops, read, signed_volume, translated, write_usda
 
 from datafactory.scenes.readers.common import CHORD_ERROR, Notes, sphere
-from datafactory.scenes.readers.usd_prims import triangulate
+from datafactory.scenes.readers.polygons import triangulate
 from shared.physics.errors import InputError
 
 

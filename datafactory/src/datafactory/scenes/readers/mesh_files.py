@@ -6,7 +6,6 @@ axis: they are taken as metres and z up, and the scene's warnings say so.
 
 from __future__ import annotations
 
-import json
 import logging
 from pathlib import Path
 
@@ -14,22 +13,17 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from datafactory.scenes.readers.common import MAXIMUM_TRIANGLES, Y_UP_TO_Z_UP, Notes, check_counts, scene_at_rest
+from datafactory.scenes.readers.common import Y_UP_TO_Z_UP, Notes, check_counts, scene_at_rest
+from datafactory.scenes.readers.gltf import check_gltf
+from datafactory.scenes.readers.obj import load_obj
+from datafactory.scenes.readers.ply import load_ply
 from datafactory.scenes.scene import Scene
 from shared.physics.errors import InputError
 
-# glTF extensions that change vertex positions and that trimesh does not decode.
-GLTF_GEOMETRY_EXTENSIONS = (
-    "KHR_draco_mesh_compression",
-    "EXT_meshopt_compression",
-    "KHR_meshopt_compression",
-    "KHR_mesh_quantization",
-    "EXT_mesh_gpu_instancing",
-)
 logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # it would print remarks about textures
 
 
-def load_mesh(path: Path, source: object) -> tuple[NDArray[np.floating], NDArray[np.int64]]:
+def load_mesh(path: Path, source: object, notes: Notes) -> tuple[NDArray[np.floating], NDArray[np.int64]]:
     """The one mesh of a PLY or OBJ file that another scene file refers to, its vertices not merged.
 
     :param source: what an error is to name, e.g. the scene file and the shape
@@ -38,7 +32,7 @@ def load_mesh(path: Path, source: object) -> tuple[NDArray[np.floating], NDArray
     """
     parts = [
         (_in_file_precision(part, path), part.faces)  # neither format places its meshes
-        for _, _, part in _placed_geometries(path, source)
+        for _, _, part in _placed_geometries(path, source, notes)
         if isinstance(part, trimesh.Trimesh)
     ]
     if not parts:
@@ -61,8 +55,8 @@ def read_mesh_file(path: Path) -> Scene:
     to_world = np.eye(4)
     if suffix in (".glb", ".gltf"):
         to_world[:3, :3] = Y_UP_TO_Z_UP
-        _check_gltf(path, notes)
-    parts = _placed_geometries(path, path)
+        check_gltf(path, notes)
+    parts = _placed_geometries(path, path, notes)
     meshes = [(name, matrix, part) for name, matrix, part in parts if isinstance(part, trimesh.Trimesh)]
     for _, _, part in parts:
         if not isinstance(part, trimesh.Trimesh):
@@ -78,11 +72,20 @@ def read_mesh_file(path: Path) -> Scene:
     return scene_at_rest(path, path.stem, "mesh", plain, notes)
 
 
+def _load_as_it_is(path: Path, _: Notes) -> trimesh.Scene:
+    return trimesh.load_scene(path, process=False)
+
+
+LOADERS = {".obj": load_obj, ".ply": load_ply}
+
+
 def _material(part: trimesh.Trimesh) -> str:
     return _text(str(getattr(getattr(part.visual, "material", None), "name", None) or ""))
 
 
-def _placed_geometries(path: Path, source: object) -> list[tuple[str, NDArray[np.float64], trimesh.parent.Geometry]]:
+def _placed_geometries(
+    path: Path, source: object, notes: Notes
+) -> list[tuple[str, NDArray[np.float64], trimesh.parent.Geometry]]:
     """Every node with geometry: its name (unique), its [4, 4] matrix in column convention, the geometry.
 
     :param source: what an error is to name
@@ -91,7 +94,7 @@ def _placed_geometries(path: Path, source: object) -> list[tuple[str, NDArray[np
         raise InputError(source, f"mesh file {str(path)!r} does not exist", "an existing file")
     parts = []
     try:
-        scene = trimesh.load_scene(path, process=False, split_object=True, group_material=True)
+        scene = LOADERS.get(path.suffix.lower(), _load_as_it_is)(path, notes)
         for node in scene.graph.nodes_geometry:
             matrix, geometry = scene.graph[node]
             placement = np.asarray(matrix, dtype=np.float64).reshape(4, 4)
@@ -124,25 +127,3 @@ def _in_file_precision(mesh: trimesh.Trimesh, path: Path) -> NDArray[np.floating
 def _text(name: str) -> str:
     """The name with lone surrogates, which JSON may hold and UTF-8 may not, written as escapes."""
     return name.encode("utf-8", "backslashreplace").decode("utf-8")
-
-
-def _check_gltf(path: Path, notes: Notes) -> None:
-    """Refuse extensions that trimesh reads wrongly, and note what it ignores."""
-    try:
-        data = path.read_bytes()
-        # A .glb is a 12-byte header, then chunks of (length, type, data), the JSON first (glTF 2.0, section 4.4).
-        if data[:4] == b"glTF":
-            data = data[20 : 20 + int.from_bytes(data[12:16], "little")]
-        header = json.loads(data)
-        required = set(header.get("extensionsRequired", ()))
-        animations, skins = len(header.get("animations", ())), len(header.get("skins", ()))
-        largest = max((int(accessor.get("count", 0)) for accessor in header.get("accessors", ())), default=0)
-    except (OSError, ValueError, AttributeError, TypeError, OverflowError, RecursionError) as error:
-        raise InputError(path, f"not a readable glTF file ({error})", "an intact .glb or .gltf file") from error
-    unread = sorted(required.intersection(GLTF_GEOMETRY_EXTENSIONS))
-    if unread:
-        raise InputError(path, f"uses the glTF extension {unread[0]}", "a file exported without it")
-    if largest > 3 * MAXIMUM_TRIANGLES:  # an accessor without a buffer has as many zeros
-        raise InputError(path, f"an accessor of {largest} elements", f"at most {3 * MAXIMUM_TRIANGLES}")
-    notes.count("# glTF animations ignored: every object stands still", animations)
-    notes.count("# glTF skins ignored: meshes taken in their rest pose", skins)

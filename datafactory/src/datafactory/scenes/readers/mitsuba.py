@@ -66,7 +66,7 @@ def read_mitsuba(path: str | Path, name: str | None = None) -> Scene:
 def _meshes(shapes: list[Shape], notes: Notes) -> Iterator[common.PlainMesh]:
     known: dict[tuple[str, str], Mesh] = {}
     for shape in shapes:
-        mesh = _mesh(shape, known)
+        mesh = _mesh(shape, known, notes)
         if mesh is None:
             notes.count(f"# shapes of type {shape.kind!r} ignored")
             continue
@@ -75,7 +75,7 @@ def _meshes(shapes: list[Shape], notes: Notes) -> Iterator[common.PlainMesh]:
         yield shape.name, shape.bsdf.name, points, triangles, shape.to_world
 
 
-def _mesh(shape: Shape, known: dict[tuple[str, str], Mesh]) -> Mesh | None:
+def _mesh(shape: Shape, known: dict[tuple[str, str], Mesh], notes: Notes) -> Mesh | None:
     """Vertices, in the file's precision, and triangles before to_world; None for a plugin that is not supported.
 
     Defaults are Mitsuba's.
@@ -90,7 +90,8 @@ def _mesh(shape: Shape, known: dict[tuple[str, str], Mesh]) -> Mesh | None:
     file = shape.text("filename") if shape.kind in ("ply", "obj") else ""
     if (shape.kind, file) not in known:
         if file:
-            known[shape.kind, file] = load_mesh(shape.path.parent / file, f"{shape.path}, shape {shape.name!r}")
+            source = f"{shape.path}, shape {shape.name!r}"
+            known[shape.kind, file] = load_mesh(shape.path.parent / file, source, notes)
         elif shape.kind in FIXED:
             known[shape.kind, file] = FIXED[shape.kind]()
     return known.get((shape.kind, file))
@@ -115,7 +116,7 @@ def _tube(shape: Shape) -> common.Mesh:
 class Bsdf:
     """What a shape's BSDF says of its material.
 
-    :param name: its id, or where it has none its type; "" without both
+    :param name: its id, or where it has none its type, or that of a BSDF within it; "" without all
     :param itu: the type that it states of ITU-R P.2040's, e.g. ``"wet_ground"``; "" without one
     :param electrical: which of ``ELECTRICAL`` it states
     """
@@ -261,9 +262,9 @@ def _shape(
             target = aliases.get(child.get("id", ""), child.get("id", ""))
             if target not in objects:
                 raise InputError(path, f"shape {name!r}: reference to {target!r}", "the id of an object in the scene")
-            bsdf = _bsdf(objects[target]) if objects[target].tag == "bsdf" else bsdf
+            bsdf = _bsdf(objects[target], objects, aliases) if objects[target].tag == "bsdf" else bsdf
         elif child.tag == "bsdf":
-            bsdf = _bsdf(child)
+            bsdf = _bsdf(child, objects, aliases)
         elif key in TRANSFORM_NAMES:
             if child.tag != "transform":
                 problem = f"shape {name!r}: {key} = {child.get('value', '')!r} is a <{child.tag}>"
@@ -274,7 +275,18 @@ def _shape(
     return Shape(path, name, element.get("type", ""), bsdf, to_world, properties)
 
 
-def _bsdf(element: ElementTree.Element) -> Bsdf:
+def _bsdf(element: ElementTree.Element, objects: dict[str, ElementTree.Element], aliases: dict[str, str]) -> Bsdf:
+    """What a BSDF says; a wrapper without a name, such as twosided, says what the first one with a name in it does."""
+    for inner in element.iter():
+        if inner.tag == "ref":
+            inner = objects.get(aliases.get(inner.get("id", ""), inner.get("id", "")), inner)
+        found = _stated(inner) if inner.tag == "bsdf" else Bsdf()
+        if found.name:
+            return found
+    return _stated(element)
+
+
+def _stated(element: ElementTree.Element) -> Bsdf:
     name = element.get("id", "")
     stated = {child.get("name", ""): child.get("value", "") for child in element}
     is_itu = element.get("type") == ITU_PLUGIN or ITU_ID.match(name) is not None
