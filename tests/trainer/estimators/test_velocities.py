@@ -12,6 +12,7 @@ from scipy.optimize import minimize
 
 from shared.radar import Radar, load_radar
 from shared.signal import if_signal
+from shared.signal.ego_motion import EgoMotion
 from shared.signal.windows import cell_noise_power, hann_correlation, hann_response
 from trainer.captures.cube_file import CubeFile
 from trainer.data.measurements import of_cube
@@ -20,7 +21,7 @@ from trainer.estimators.array import line_array
 from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.fitting import FittedLines, RangePlace
 from trainer.estimators.velocities import lean, velocity_offsets
-from trainer.run.detections import Detections, Sought, find_detections
+from trainer.run.detections import Detections, Sought, find_detections, with_moving
 
 
 def short(radar: Radar, **waveform: object) -> Radar:
@@ -86,6 +87,26 @@ def test_of_tx_in_turn_the_angle_is_put_right_by_the_velocity(cells: str) -> Non
     assert 0.5 < np.sqrt(np.mean(z**2)) < 1.2
     assert lean(line_array(radar), radar) != 0.0
     assert [lean(line_array(other), other) for other in (Radar(), radar.of_one_chirp)] == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("cells", ["peaks", "all"])
+def test_two_chirps_are_as_one(cells: str) -> None:
+    """The Hann window weighs one of them with 0: both Doppler cells hold the same, and TX in turn are not turned."""
+    radar = short(load_radar("iwr1843"), chirps=2)
+    u = np.array([0.3, -0.2])
+    found = seen(radar, np.array([60.0, 90.3]), u, np.zeros(2), 30.0, 1, cells)
+    assert np.abs(np.sort(found.u[:2]) - np.sort(u)).max() < 0.01
+    assert found.snr_db[2:].max(initial=0.0) < 20.0
+    assert not found.velocity.any()
+    assert np.isnan(with_moving(found, EgoMotion(5.0, 0.0), radar).moving).all()
+
+
+def test_velocities_lie_on_the_doppler_axis() -> None:
+    """Half a cell below its upper end the strongest cell is the lowest."""
+    radar = short(Radar(), chirps=16)
+    rate = 0.5 * radar.waveform.velocity_span_mps - 0.3 * radar.waveform.velocity_step_mps
+    found = seen(radar, np.array([60.0]), np.array([0.1]), np.array([rate]), 30.0, 1, "all")
+    assert abs(found.velocity[0] - rate) < 4.0 * found.velocity_std[0]
 
 
 def test_the_offset_is_where_plain_least_squares_has_it() -> None:

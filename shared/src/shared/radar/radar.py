@@ -164,7 +164,9 @@ class Radar(Told, BaseModel, frozen=True, extra="forbid"):
         sent = "all TX at once" if waveform.multiplexing == "simultaneous" else "TX in turn"
         chirps, velocity = "1 chirp", "one chirp tells none"
         if waveform.chirps > 1:
-            chirps, step = f"{waveform.chirps} chirps", waveform.velocity_step_mps
+            chirps, velocity = f"{waveform.chirps} chirps", "two chirps tell none"
+        if waveform.tells_velocity:
+            step = waveform.velocity_step_mps
             velocity = f"+-{waveform.velocity_span_mps / 2.0:.3g} m/s in steps of {step:.3g} m/s"
         return "\n".join([
             f"radar {self.name}: {waveform.carrier_hz / 1e9:g} GHz, {waveform.bandwidth_hz / 1e6:g} MHz swept, "

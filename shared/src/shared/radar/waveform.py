@@ -96,6 +96,11 @@ class Waveform(Described):
         return self.velocity_step_mps * self.chirps
 
     @property
+    def tells_velocity(self) -> bool:
+        """Whether a frame tells velocities: one chirp tells none, and of two the Hann window leaves one."""
+        return self.chirps > 2
+
+    @property
     def mid_frame_s(self) -> float:
         """Centre of the Doppler window [s] after the start of chirp 0."""
         return 0.5 * self.chirps * self.chirp_interval_s

@@ -71,6 +71,13 @@ def range_doppler(
     return compensated(spectrum, radar)
 
 
+def strongest_doppler(level: Float[np.ndarray, "rows chirps"]) -> Int64[np.ndarray, " rows"]:
+    """[R] the Doppler cell of the highest of levels [R, chirps]; of two chirps, whose cells are alike because the Hann
+    window leaves one of them, that at rest."""
+    chirps = level.shape[1]
+    return level.argmax(axis=1) if chirps != 2 else np.full(len(level), chirps // 2)
+
+
 def select_doppler(
     spectra: Complex[np.ndarray, "rows chirps channels"], noise_power: float, peaks: int = 3
 ) -> DopplerSelection:
@@ -83,7 +90,7 @@ def select_doppler(
     """
     _, chirps, channels = spectra.shape
     magnitude = np.abs(spectra).mean(axis=2)
-    first = magnitude.argmax(axis=1)
+    first = strongest_doppler(magnitude)
     strongest = np.take_along_axis(magnitude, first[:, None], axis=1)
     threshold = (RAYLEIGH_MEAN + DETECTION_DEVIATIONS * RAYLEIGH_DEVIATION / np.sqrt(channels)) * np.sqrt(noise_power)
     candidate = (magnitude > np.roll(magnitude, 1, axis=1)) & (magnitude >= np.roll(magnitude, -1, axis=1))

@@ -26,7 +26,7 @@ from scipy.optimize import brentq
 from scipy.special import betaincinv, betaln, gammaincc, gammainccinv, xlog1py, xlogy
 
 from shared.physics.errors import InputError
-from shared.signal.spectrum import DopplerSelection, selection_at
+from shared.signal.spectrum import DopplerSelection, selection_at, strongest_doppler
 
 CELL_FALSE_ALARM = 1e-3
 """Probability that a cell of noise is looked at. The fit decides whether it lists a line there: what it would list
@@ -49,7 +49,9 @@ def cfar_cells(spectra: NDArray[np.complexfloating]) -> tuple[DopplerSelection, 
     power: NDArray[np.float64] = np.sum(np.abs(spectra) ** 2, axis=2, dtype=np.float64)
     passed = os_cfar(power, spectra.shape[2], CELL_FALSE_ALARM)
     # The first stands in where a bin has none.
-    strongest = power.argmax(axis=1)
+    strongest = strongest_doppler(power)
+    if power.shape[1] == 2:  # both cells hold the same
+        passed[:, 0] = False
     wanted = passed.copy()
     wanted[1:] |= passed[:-1]
     wanted[:-1] |= passed[1:]

@@ -94,9 +94,9 @@ def velocity_offsets(
 
 def lean(array: LineArray, radar: Radar) -> float:
     """By how much the u of a lone line seems too small for each Doppler cell that it stands above its own; 0 where all
-    TX send at once, or nothing tells the angle. What one chirp shows is taken as at rest."""
+    TX send at once, or nothing tells the angle. What tells no velocity is taken as at rest."""
     place = array.positions_m - array.positions_m.mean()
-    if array.elements is None or radar.waveform.chirps == 1 or not place.any():
+    if array.elements is None or not radar.waveform.tells_velocity or not place.any():
         return 0.0
     cycles = chirp_times(radar)[array.elements[0], 0] / (radar.waveform.chirps * radar.waveform.chirp_interval_s)
     return float(array.wavelength_m * (place @ cycles) / (place @ place))

@@ -19,7 +19,7 @@ from scipy.special import expit, logit
 from shared.physics.errors import InputError
 from shared.physics.units import amplitude_to_db, db_to_power, power_to_db
 from shared.radar import Radar
-from shared.signal.ego_motion import EgoMotion, moving_probability
+from shared.signal.ego_motion import EgoMotion, folded, moving_probability, velocity_period_mps
 from shared.signal.model_error import model_error_ratio, with_model_error
 from trainer.data.measurements import Cells
 from trainer.defaults import FALSE_ALARMS
@@ -89,7 +89,7 @@ class Detections:
     :param range_std: [N] likewise of the range, that of a uniform bin where it is the bin's [m]
     :param velocity_std: [N] likewise of the velocity [m/s]
     :param moving: [N] probability that it does not belong to the static world; NaN where the sensor's own motion is not
-        known, and of one chirp
+        known, and of less than three chirps
     :param doppler_cell: [N] on the rising velocity axis, where its range-Doppler cell stands
     :param snr_db: [N] of the line in its cell, all channels added, over the noise that the fit was told [dB]
     """
@@ -183,7 +183,8 @@ def find_detections(
     return Detections(
         range_m=lines.place[kept] * radar.waveform.range_step_m + nearer_m,
         u=lines.u[kept],
-        velocity=centre_mps + lines.shift[kept] * radar.waveform.velocity_step_mps,
+        # Half a cell beyond either end of the axis is its other end.
+        velocity=folded(centre_mps + lines.shift[kept] * radar.waveform.velocity_step_mps, velocity_period_mps(radar)),
         amplitude_db=lines.level_db[kept],
         u_std=lines.u_std[kept],
         probability=line_probability(snr_db, head),
@@ -276,7 +277,7 @@ def line_probability(snr_db: NDArray[np.float64], head: NDArray[np.floating] | N
 
 def with_moving(found: Detections, motion: EgoMotion | None, radar: Radar) -> Detections:
     """The detections with ``moving`` by the sensor's motion; as they are where it, or their velocity, is not known."""
-    if motion is None or radar.waveform.chirps == 1:
+    if motion is None or not radar.waveform.tells_velocity:
         return found
     seen = found.range_m, found.u, found.velocity, found.u_std, found.velocity_std
     return replace(found, moving=moving_probability(motion, radar, *seen))
