@@ -256,6 +256,20 @@ def test_the_velocity_comes_back_from_detections_among_movers(speed: float) -> N
         assert std < 0.5 * STEP
 
 
+def test_what_shares_a_doppler_cell_errs_together() -> None:
+    """Each target in three range bins, every velocity its cell's centre: the errors stay within what is stated."""
+    z = []
+    for seed in range(60):
+        generator = np.random.default_rng(seed)
+        truth = EgoMotion(generator.uniform(5.0, 11.0), generator.uniform(-2.0, 2.0))
+        u = np.repeat(generator.uniform(-0.7, 0.7, 40), 3)
+        found = estimated_motion(u, STEP * np.rint(truth.range_rate(u) / STEP), WHOLE, seed)
+        assert found is not None
+        away = found.forward_mps - truth.forward_mps, found.left_mps - truth.left_mps
+        z.append(np.array(away) / np.array(found.std_mps))
+    assert (np.sqrt(np.mean(np.square(z), axis=0)) < 1.1).all()
+
+
 def test_too_few_that_agree_are_no_estimate() -> None:
     generator = np.random.default_rng(5)
     u = generator.uniform(-0.8, 0.8, 100)

@@ -173,8 +173,9 @@ def estimated_motion(
     Kellner, Barjenbruch, Klappstein, Dickmann and Dietmayer, "Instantaneous ego-motion estimation using Doppler radar",
     ITSC 2013: two detections propose (v_x, v_y), all others vote, least squares over those that agree ends it. Here a
     pair proposes a velocity for every fold of its two Doppler values, below :data:`FASTEST_MPS`, and of proposals of
-    equal votes the slowest is taken. The standard deviation is that of least squares. It does not hold what heights do:
-    in a street the estimate was 0.5 to 1.4 % slow (docs/notes/ego-motion.md).
+    equal votes the slowest is taken. The standard deviation is that of least squares with as many detections as there
+    are Doppler cells: those of one err together, by the rounding to its centre. It does not hold what heights do: in a
+    street the estimate was 0.5 to 1.4 % slow (docs/notes/ego-motion.md).
 
     :param seed: of the frame
     """
@@ -207,5 +208,6 @@ def estimated_motion(
             return None
         velocity = velocity + np.linalg.solve(information, chosen.T @ away[agreeing])
     left = folded(velocity_mps - rows @ velocity, period)[agreeing]
-    variance = float(np.sum(left**2)) / (len(left) - 2) * np.diag(np.linalg.inv(information))
+    cells = np.unique(np.rint(velocity_mps[agreeing] / waveform.velocity_step_mps))
+    variance = float(np.sum(left**2)) / (len(left) - 2) * np.diag(np.linalg.inv(information)) * len(left) / len(cells)
     return EgoMotion(float(velocity[0]), float(velocity[1]), tuple(np.sqrt(variance).tolist()))
