@@ -28,6 +28,8 @@ from shared.signal.imaging import steering_weights
 from trainer import predict
 from trainer.cli.app import app
 from trainer.data.measurements import Cells, Measurement, open_measurements
+from trainer.errors import Stopped
+from trainer.networks import real_unrolled
 from trainer.run.answers import Circumstances, network_answer
 from trainer.run.detection_files import records
 from trainer.run.export import export
@@ -222,6 +224,21 @@ def test_the_unrolled_network_is_exported_in_real_arithmetic(tmp_path):
     with torch.no_grad():
         expected = imager.network(torch.from_numpy(features)).numpy()
     np.testing.assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())
+
+
+def test_a_graph_that_is_wrong_for_echoes_alone_is_not_written(tmp_path, monkeypatch):
+    """More noise than there is beside strong echoes: rows of noise answer as they should."""
+    monkeypatch.setattr(real_unrolled, "FLOOR", 1e-2)
+    with pytest.raises(Stopped, match=r"onnx: on targets at \d0 dB onnxruntime errs by .* torch by .*e-0[5-7], from"):
+        export(make_run(tmp_path / "run"), tmp_path / "network.onnx")
+    assert not (tmp_path / "network.onnx").exists()
+
+
+@pytest.mark.parametrize("name", ["sparse6", "sparse4"])
+def test_the_package_s_networks_round_as_torch_does(tmp_path, name):
+    result = export(Path(name), tmp_path / "network.onnx")
+    assert 1e-4 < result.difference < 3e-2
+    assert 0.2 < result.difference / result.rounding < 5.0
 
 
 def predicted(tmp_path, *more: str):
