@@ -159,7 +159,7 @@ def read_cube(path: Path, radar: str | None) -> CubeFile:
         if "capture" in content:
             entries = unsealed(path, _fields(path, "capture", str(content["capture"])))
             capture = validated(Capture, entries, f"{path}: capture")
-    frames = _checked(path, cube, found)
+    frames = checked_cube(path, cube, found)
     if capture is not None and capture.frames != len(frames):
         raise InputError(path, f"capture says {capture.frames} frames, cube has {len(frames)}", "one as it was written")
     if capture is not None and (beyond := [n for n in capture.dead_channels if n >= frames.shape[-1]]):
@@ -176,17 +176,22 @@ def frame_shape(radar: Radar) -> tuple[int, int, int]:
     return radar.waveform.chirps, radar.waveform.samples, radar.array.channels
 
 
-def _checked(path: Path, cube: NDArray[Any], radar: Radar) -> NDArray[np.complex64]:
+def checked_cube(source: Path | str, cube: NDArray[Any], radar: Radar, several: bool = True) -> NDArray[np.complex64]:
+    """[frame, chirp, sample, C] of one or several frames of a radar.
+
+    :param several: whether there may be several
+    :raises InputError: of another shape, not complex, not finite or beyond :data:`LARGEST_SAMPLE`
+    """
     expected = frame_shape(radar)
-    if cube.shape[-3:] != expected or cube.ndim not in (3, 4) or not cube.size or not np.iscomplexobj(cube):
-        raise InputError(
-            path, f"cube is {cube.dtype} {list(cube.shape)}",
-            f"complex64 [chirp, sample, channel] = {list(expected)} of radar {radar.name!r}, or several such frames",
-        )  # fmt: skip
+    axes = (3, 4) if several else (3,)
+    if cube.shape[-3:] != expected or cube.ndim not in axes or not cube.size or not np.iscomplexobj(cube):
+        more = ", or several such frames" if several else ""
+        shape = f"complex64 [chirp, sample, channel] = {list(expected)} of radar {radar.name!r}{more}"
+        raise InputError(source, f"cube is {cube.dtype} {list(cube.shape)}", shape)
     if bad := int(np.count_nonzero(~np.isfinite(cube))):
-        raise InputError(path, f"cube has {bad} values that are not finite", "finite samples")
+        raise InputError(source, f"cube has {bad} values that are not finite", "finite samples")
     if (largest := np.abs(cube).max()) > LARGEST_SAMPLE:
-        raise InputError(path, f"cube has samples of {largest:.3g}", f"at most {LARGEST_SAMPLE:g}")
+        raise InputError(source, f"cube has samples of {largest:.3g}", f"at most {LARGEST_SAMPLE:g}")
     return cube.reshape(-1, *expected).astype(np.complex64)
 
 
