@@ -114,8 +114,8 @@ def export(asked: ExportOptions) -> Export:
             allowed = f"{ROUNDINGS:g} times that and {TOLERANCE:g}"
             raise Stopped(f"{out}: {error}, from double precision; at most {allowed} is right; nothing written")
     write_bytes(out, content)
-    largest = (max(values) for values in zip(*((error.onnx, error.torch) for error in errors), strict=True))
-    return Export(out, *largest, torch_seconds, _latency(lambda: answer(features)))
+    difference, rounding = max(error.onnx for error in errors), max(error.torch for error in errors)
+    return Export(out, difference, rounding, torch_seconds, _latency(lambda: answer(features)))
 
 
 def _latency(call: Callable[[], object]) -> float:
