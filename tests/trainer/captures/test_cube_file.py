@@ -16,7 +16,7 @@ from shared.physics.errors import InputError
 from shared.signal import if_signal
 from shared.signal.windows import cell_noise_power
 from trainer import predict
-from trainer.captures.cube_file import Capture, frame_shape, read_cube, write_cube
+from trainer.captures.cube_file import Capture, CubeFile, frame_shape, measured_noise, read_cube, write_cube
 from trainer.data.measurements import open_measurements
 
 CAPTURE = Capture(
@@ -54,6 +54,14 @@ def test_every_frame_is_a_measurement_with_the_noise_that_was_measured(tmp_path:
     assert not np.array_equal(found[0].cells.range_channel, found[1].cells.range_channel)
 
 
+def test_noise_is_of_the_first_frame_that_is_not_empty() -> None:
+    cube = 1e3 * frames(3)
+    cube[:2] = 0.0
+    noise = measured_noise(cube[2:], RADAR)
+    assert noise > 0.0
+    assert measured_noise(cube, RADAR) == noise == CubeFile(cube, RADAR, None).noise_power
+
+
 @pytest.mark.parametrize("counts", [True, False])
 def test_noise_that_no_capture_states_is_thermal_or_measured_where_the_samples_are_counts(
     tmp_path: Path, counts: bool
@@ -85,6 +93,7 @@ def test_noise_that_no_capture_states_is_thermal_or_measured_where_the_samples_a
         ({"sha256": None, "frames": 3}, r"capture says 3 frames, cube has 2"),
         ({"sha256": None, "dead_channels": [7]}, r"capture names the dead channel 7; expected one of the 6"),
         ({"sha256": None, "noise_power": -1.0}, r"capture: noise_power = -1.0"),
+        ({"sha256": None, "noise_power": 0.0}, r"noise of 0 beside .* expected adc_data.bin imported anew"),
     ],
 )
 def test_a_changed_capture_is_one_line(tmp_path: Path, changed: dict[str, object], message: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -135,13 +136,15 @@ def test_an_axis_of_real_and_imaginary_part(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found, cube)
 
 
-def test_a_sign_that_was_lost_comes_back(tmp_path: Path) -> None:
-    """Complex numbers of uint16 that were int16."""
+@pytest.mark.parametrize("kind", [np.complex128, np.uint16, np.float32, np.int32, np.int64])
+def test_a_sign_that_was_lost_comes_back(tmp_path: Path, kind: type[np.number[Any]]) -> None:
+    """Numbers of uint16 that were int16, in whatever type they are held."""
     radar = radar_of(tmp_path, "iwr1642")
     cube = quantised(scene(radar))[0]
-    lost = cube.real.astype(np.int16).view(np.uint16) + 1j * cube.imag.astype(np.int16).view(np.uint16)
-    np.save(tmp_path / "a.npy", lost)
-    found, _ = read_axes(tmp_path / "a.npy", radar, "chirp sample (rx tx)")
+    lost = np.stack([cube.real, cube.imag], axis=-1).astype(np.int16).view(np.uint16)
+    np.save(tmp_path / "a.npy", lost @ np.array([1, 1j]) if kind is np.complex128 else lost.astype(kind))
+    axes = "chirp sample (rx tx)" + " iq" * (kind is not np.complex128)
+    found, _ = read_axes(tmp_path / "a.npy", radar, axes)
     np.testing.assert_array_equal(found[0], cube)
 
 
@@ -162,6 +165,23 @@ def test_a_dead_channel_is_named(tmp_path: Path) -> None:
     cube[..., 5] *= 1e-3
     write_two_lanes(tmp_path / "adc.bin", cube, radar)
     assert read(tmp_path, "adc.bin", "iwr1642").dead == (5,)
+
+
+def test_an_empty_first_frame_is_not_judged(tmp_path: Path) -> None:
+    radar = radar_of(tmp_path, "iwr1642")
+    cube = scene(radar, 3)
+    cube[..., 5] *= 1e-3
+    cube[:2] = 0.0
+    write_two_lanes(tmp_path / "adc.bin", cube, radar)
+    found = read(tmp_path, "adc.bin", "iwr1642")
+    np.testing.assert_array_equal(found.cube, quantised(cube))
+    assert (found.dead, found.notes) == ((5,), ("empty frames first: 2; noise and dead channels are those of frame 2",))
+    assert read(tmp_path, "adc.bin", "iwr1642", frames=(1, 3)).dead == (5,)
+    with pytest.raises(InputError, match="all samples are 0; expected a capture, or other frames with --frames"):
+        read(tmp_path, "adc.bin", "iwr1642", frames=(0, 2))
+    np.save(tmp_path / "a.npy", 0.0 * cube)
+    with pytest.raises(InputError, match=r"a\.npy: all samples are 0"):
+        read(tmp_path, "a.npy", "iwr1642", axes="frame chirp sample (rx tx)")
 
 
 def test_quadrature_that_was_taken_for_in_phase_is_noticed(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from command_line import ended
 from oracles import reference_file
@@ -12,6 +13,7 @@ from raw_files import radar_of, scene, write_two_lanes
 
 from shared.signal.imaging import steering_matrix
 from shared.signal.signal import if_signal
+from trainer import predict
 from trainer.captures.cube_file import read_cube
 from trainer.data.measurements import open_measurements
 
@@ -30,6 +32,35 @@ def test_from_samples_to_an_image(tmp_path: Path) -> None:
     row = round(float(np.hypot(3.4, 0.9)) / found.waveform.range_step_m)
     image = np.abs(steering_matrix(found, found.array).T @ first.cells.range_channel[0, row])
     assert found.grid.u[image.argmax()] == pytest.approx(-0.9 / np.hypot(3.4, 0.9), abs=0.06)
+
+
+def test_an_empty_first_frame_is_told_and_has_no_points(tmp_path: Path) -> None:
+    """With a noise of 0 650 lines a frame were listed."""
+    radar = radar_of(tmp_path, "iwr1642")
+    cube = 1000.0 * scene(radar, 3, noise=0.03)
+    cube[0] = 0.0
+    np.save(tmp_path / "a.npy", cube)
+    common = ("--board", "iwr1642", "--radar", tmp_path / "capture.toml", "--axes", "frame chirp sample (rx tx)")
+    code, said, _ = ended("trainer", "import", tmp_path / "a.npy", *common, "--out", tmp_path / "cube.npz")
+    assert code == 0
+    assert "empty frames first: 1; noise and dead channels are those of frame 1" in said
+    predict([tmp_path / "cube.npz"], tmp_path / "out", method="das", points=True, pictures=False)
+    listed = [len(lines) for lines in pq.read_table(tmp_path / "out/images.parquet")["detections"]]
+    assert listed[0] == 0
+    assert 2 <= min(listed[1:]) <= max(listed) <= 12
+
+
+def test_noise_of_0_beside_samples_is_refused(tmp_path: Path) -> None:
+    radar = radar_of(tmp_path, "iwr1642")
+    cube = scene(radar)
+    cube[..., :5] = 0.0
+    np.save(tmp_path / "a.npy", cube[0])
+    common = ("--board", "iwr1642", "--radar", tmp_path / "capture.toml", "--axes", "chirp sample (rx tx)")
+    code, _, said = ended("trainer", "import", tmp_path / "a.npy", *common, "--out", tmp_path / "cube.npz")
+    assert code == 2
+    assert said.startswith(f"trainer: {tmp_path / 'a.npy'}: noise of 0 beside samples that are not 0; expected noise")
+    assert said.count("\n") == 1
+    assert not (tmp_path / "cube.npz").exists()
 
 
 def test_calibrate_then_import(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

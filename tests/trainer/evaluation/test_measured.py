@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import scipy.io
-from captured_cubes import other_radar, write_capture
+from captured_cubes import other_radar, write_capture, write_plain_cube
 from command_line import ended
 from numpy.typing import NDArray
 from oracles import reference_file
@@ -52,6 +52,7 @@ def test_a_measured_pair_is_found_where_it_stands(evaluation):
         ("a.npy", np.ones((3, 3), complex), "complex vectors"),
         ("a.npy", np.ones(4, complex), "4 elements; expected more than 4"),
         ("a.npy", np.full(40, np.nan + 0j), "40 elements; expected more than 4 finite"),
+        ("a.npy", np.zeros(40, complex), "all elements are 0; expected a snapshot with an echo"),
         ("a.npy", b"no array", "not readable"),
         ("a.mat", {"x": np.ones(40, complex), "y": np.ones(40, complex)}, "complex vectors"),
         ("a.mat", b"MATLAB 7.3 MAT-file, which is HDF5" + bytes(200), "not readable"),
@@ -241,6 +242,23 @@ def test_a_twin_calibrated_better_would_not(reflectors):
     _, image = stated_numbers(reflectors.snapshot[None])
     _, images = stated_numbers(twins_of(reflectors, change_db=-10.0))
     assert np.abs((image[0] - images.mean(axis=0)) / images.std(axis=0)).max() > 3.9
+
+
+def test_the_first_frame_that_is_not_empty_is_taken_and_told(tmp_path):
+    radar, said = other_radar(), list[str]()
+    with np.load(write_capture(tmp_path / "one.npz", radar, [(1.5, 0.3, 0.0)])) as stored:
+        echo = stored["cube"]
+    cube = write_plain_cube(tmp_path / "drive.npz", np.stack([0.0 * echo, echo, echo]), radar)
+    evaluate(None, out=tmp_path / "out", **QUICK, measured=cube, methods=["das"], announce=said.append)
+    angle = values(tmp_path / "out")["das", "full", "angle 1 [deg]"]
+    assert angle == pytest.approx(np.rad2deg(np.arctan2(0.3, 1.5)), abs=1.5)
+    place = f"frame 1, range {read_measured(cube).row * radar.waveform.range_step_m:.2f} m"
+    assert f"{cube}: {place} is looked at; other frames are not" in said
+    assert (tmp_path / "out/lines.md").read_text().startswith(f"Measured row, {place}, ")
+    empty = write_plain_cube(tmp_path / "empty.npz", np.stack([0.0 * echo] * 2), radar)
+    code, _, error = ended("trainer", "evaluate", "--measured", empty, "--out", tmp_path / "none")
+    assert (code, error) == (2, f"trainer: {empty}: all samples are 0; expected a frame with an echo\n")
+    assert not (tmp_path / "none").exists()
 
 
 def test_channels_that_coincide_are_one_element(tmp_path):

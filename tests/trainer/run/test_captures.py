@@ -75,6 +75,11 @@ def test_an_array_is_taken_as_far_as_the_truth_s_cell_and_the_stretch_allow(tmp_
         fitted_imager(run, imager, "run", other_radar(places + 2.0 * (moved - places)), "cube.npz")
     with pytest.raises(InputError, match="miss a place of 'mine' by") as caught:
         fitted_imager(run, imager, "run", other_radar(places, 1.4), "cube.npz")
+    with pytest.raises(InputError, match="its 3 channels are fewer than the 4 of 'mine'; expected a run trained"):
+        fitted_imager(run, imager, "run", other_radar(places[:3]), "cube.npz")
+    ordered = run.model_copy(update={"config": run.config.model_copy(update={"features": "covariance"})})
+    with pytest.raises(InputError, match="its 4 channels come in another order than 'mine', which 'covariance' feat"):
+        fitted_imager(ordered, imager, "run", other_radar(places[::-1]), "cube.npz")
     said = str(caught.value)
     assert "\n" not in said
     assert "differs from 'tiny' of run in array.rx_m, waveform.carrier_hz, waveform.bandwidth_hz" in said

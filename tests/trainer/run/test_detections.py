@@ -95,7 +95,7 @@ def test_of_a_tx_beside_the_rx_a_wide_sweep_lists_each_target_once() -> None:
     seen = snapshot(radar, in_plane(range_m, u), np.full(7, amplitude_of(30.0, radar)), np.random.default_rng(1))[None]
     elements, power = line_array(radar), cell_noise_power(radar)
     image = ESTIMATORS["das"]().image(seen[0], elements, U, power)[None]
-    found = find_detections(image, None, Cells(seen, np.zeros((1, 256))), radar, elements, Sought(power))
+    found = find_detections(image, None, Cells(seen, np.zeros((1, 256), np.float32)), radar, elements, Sought(power))
     order = np.argsort(found.range_m[:7])
     np.testing.assert_allclose(found.range_m[:7][order], range_m, atol=0.003)
     np.testing.assert_allclose(found.u[:7][order], u, atol=0.003)

@@ -18,7 +18,8 @@ from shared.signal import if_signal
 from shared.signal.windows import hann_response
 from trainer.data.cfar import CELL_FALSE_ALARM, cfar_thresholds
 from trainer.data.measurements import Cells
-from trainer.estimators.array import LineArray, uniform_axis
+from trainer.defaults import LEAST_FALSE_ALARMS
+from trainer.estimators.array import LineArray, line_array, uniform_axis
 from trainer.estimators.fitting import (
     GroupTest,
     RangePlace,
@@ -157,6 +158,19 @@ def test_an_array_of_few_unequal_elements_has_a_level_too() -> None:
     assert (steps[:2] > 1.0).all()  # three times as many lines are at least that much, of exp(-t)
     assert levels[-1] > 8.0
     assert (steps > 0.0).all()
+
+
+@pytest.mark.parametrize("every_cell", [False, True])
+@pytest.mark.parametrize("name", ["avr-qdm-110", "mmwcas"])
+def test_the_fewest_lines_that_may_be_asked_for_have_a_level(name: str, every_cell: bool) -> None:
+    """Of 1e-300 there was none in reach; beside 1 as many times fewer lines are that much more, but for a few."""
+    radar = load_radar(name)
+    array = line_array(radar, radar.array.azimuth_channels)
+    few, one = (
+        false_alarms.first_line_threshold(lines, radar, array, every_cell) for lines in (LEAST_FALSE_ALARMS, 1.0)
+    )
+    assert -np.log(LEAST_FALSE_ALARMS) < few - one + 1.0 < 1.05 * -np.log(LEAST_FALSE_ALARMS)
+    assert few < false_alarms.MOST - 50.0
 
 
 @pytest.mark.parametrize("name", ["mmwcas-azimuth", "mmwcas"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,8 @@ from shared.signal.imaging import steering_weights
 from trainer import predict
 from trainer.cli.app import app
 from trainer.data.measurements import Cells, Measurement, open_measurements
+from trainer.errors import Stopped
+from trainer.networks import real_unrolled
 from trainer.run.answers import Circumstances, network_answer
 from trainer.run.detection_files import records
 from trainer.run.export import export
@@ -244,6 +247,21 @@ def test_the_unrolled_network_is_exported_in_real_arithmetic(tmp_path):
     np.testing.assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())
 
 
+def test_a_graph_that_is_wrong_for_echoes_alone_is_not_written(tmp_path, monkeypatch):
+    """More noise than there is beside strong echoes: rows of noise answer as they should."""
+    monkeypatch.setattr(real_unrolled, "FLOOR", 1e-2)
+    with pytest.raises(Stopped, match=r"onnx: on targets at \d0 dB onnxruntime errs by .* torch by .*e-0[5-7], from"):
+        export(make_run(tmp_path / "run"), tmp_path / "network.onnx")
+    assert not (tmp_path / "network.onnx").exists()
+
+
+@pytest.mark.parametrize("name", ["sparse6", "sparse4"])
+def test_the_package_s_networks_round_as_torch_does(tmp_path, name):
+    result = export(Path(name), tmp_path / "network.onnx")
+    assert 1e-4 < result.difference < 3e-2
+    assert 0.2 < result.difference / result.rounding < 5.0
+
+
 def predicted(tmp_path, *more: str):
     data, run = tmp_path / "data", tmp_path / "run"
     if not run.exists():
@@ -358,6 +376,30 @@ def test_cubes_one_by_one_give_what_the_command_gives(tmp_path, model: str) -> N
         np.testing.assert_array_equal(seen.image.ravel(), table["image"][number].values)
         assert records(seen.points) == table["detections"][number].as_py()
         assert seen.points.range_m[0] == pytest.approx(np.hypot(20.0, 3.0), abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("cube", "problem"),
+    [
+        (np.zeros((4, 32), complex), "cube is complex128 [4, 32]"),
+        (np.zeros((4, 32, 5), complex), "cube is complex128 [4, 32, 5]"),
+        (np.zeros((1, 4, 32, 6), complex), "cube is complex128 [1, 4, 32, 6]"),
+        (np.zeros((4, 32, 6)), "cube is float64 [4, 32, 6]"),
+    ],
+)
+def test_a_frame_that_is_not_of_the_radar_is_one_line(cube: np.ndarray, problem: str) -> None:
+    with pytest.raises(InputError) as caught:
+        Predictor.load("das", RADAR).cube(cube)
+    expected = "complex64 [chirp, sample, channel] = [4, 32, 6] of radar 'tiny'"
+    assert str(caught.value) == f"cube: {problem}; expected {expected}"
+
+
+@pytest.mark.parametrize(
+    ("value", "problem"), [(np.nan, "has 768 values that are not"), (1e30, "has samples of 1e+30")]
+)
+def test_a_frame_of_values_that_are_no_samples_is_one_line(value: float, problem: str) -> None:
+    with pytest.raises(InputError, match=f"cube: cube {re.escape(problem)}"):
+        Predictor.load("das", RADAR).cube(np.full((4, 32, 6), value, complex))
 
 
 def test_a_model_that_there_is_not_is_refused() -> None:

@@ -30,6 +30,8 @@ CELLS = (PEAKS, ALL)
 """Of a frame: its three strongest Doppler peaks of every range bin, or what passes :mod:`trainer.data.cfar`."""
 FALSE_ALARMS = 1.0
 """Expected lines of a frame of noise alone, by :mod:`trainer.run.false_alarms`."""
+LEAST_FALSE_ALARMS = 1e-250
+"""Of so few the level stays below what can be computed there, of any radar."""
 FORMATS = ("parquet", "csv", "pcd")
 """Of lists of targets."""
 

@@ -93,8 +93,11 @@ def read_array_capture(
 
 
 def with_sign(values: NDArray[Any]) -> NDArray[Any]:
-    """16-bit numbers that were read without their sign, with it; others as they are."""
-    if values.dtype.kind == "i" or not values.size:
+    """16-bit numbers that were read without their sign, with it; others as they are.
+
+    A wider whole number may hold what was read as uint16; one of 16 bits or fewer has its sign.
+    """
+    if not values.size or (values.dtype.kind == "i" and values.dtype.itemsize <= 2):
         return values
     lowest, highest = float(values.min()), float(values.max())
     if not (lowest >= 0.0 and 2**15 <= highest < 2**16) or (values != np.floor(values)).any():

@@ -27,6 +27,7 @@ from shared.radar.validation import Described
 from shared.signal.spectrum import range_doppler
 from shared.signal.windows import cell_noise_power
 from trainer.captures.reading import read_arrays
+from trainer.captures.samples import first_frame
 
 LARGEST_SAMPLE = 1e12
 """Of a cube [sqrt(W), or counts of a converter]; powers of more, summed over a frame, leave single precision."""
@@ -88,7 +89,7 @@ class CubeFile:
             return self.capture.noise_power
         thermal, most = cell_noise_power(self.radar), float(db_to_power(OTHER_UNIT_DB))
         # There is no more noise than power: the frames of most cubes need no second transform.
-        if np.mean(np.abs(self.cube[0]) ** 2) <= most * self.radar.sample_noise_power_w:
+        if np.mean(np.abs(self.cube[first_frame(self.cube)]) ** 2) <= most * self.radar.sample_noise_power_w:
             return thermal
         measured = measured_noise(self.cube, self.radar)
         return measured if measured > most * thermal else thermal
@@ -106,13 +107,14 @@ class CubeFile:
 
 
 def measured_noise(cube: NDArray[np.complex64], radar: Radar, dead: tuple[int, ...] = ()) -> float:
-    """Power of one channel in one range-Doppler cell that holds no echo: the median over the first frame's cells.
+    """Power of one channel in one range-Doppler cell that holds no echo: the median over the cells of the first
+    frame that is not empty.
 
     Of complex Gaussian noise the median power is ln 2 of the mean. It is right while less than half of the cells hold
     an echo; where more do, it is too high.
     """
     alive = [channel for channel in range(cube.shape[3]) if channel not in dead] or list(range(cube.shape[3]))
-    spectra = range_doppler(cube[0], radar)[..., alive]
+    spectra = range_doppler(cube[first_frame(cube)], radar)[..., alive]
     return float(np.median(np.abs(spectra) ** 2) / np.log(2.0))
 
 
@@ -157,12 +159,15 @@ def read_cube(path: Path, radar: str | None) -> CubeFile:
         if "capture" in content:
             entries = unsealed(path, _fields(path, "capture", str(content["capture"])))
             capture = validated(Capture, entries, f"{path}: capture")
-    frames = _checked(path, cube, found)
+    frames = checked_cube(path, cube, found)
     if capture is not None and capture.frames != len(frames):
         raise InputError(path, f"capture says {capture.frames} frames, cube has {len(frames)}", "one as it was written")
     if capture is not None and (beyond := [n for n in capture.dead_channels if n >= frames.shape[-1]]):
         problem = f"capture names the dead channel {beyond[0]}"
         raise InputError(path, problem, f"one of the {frames.shape[-1]} of the cube")
+    if capture is not None and capture.noise_power == 0.0 and frames.any():
+        problem = "capture says a noise of 0 beside samples that are not 0"
+        raise InputError(path, problem, f"{capture.source} imported anew")
     return CubeFile(frames, found, capture)
 
 
@@ -171,17 +176,22 @@ def frame_shape(radar: Radar) -> tuple[int, int, int]:
     return radar.waveform.chirps, radar.waveform.samples, radar.array.channels
 
 
-def _checked(path: Path, cube: NDArray[Any], radar: Radar) -> NDArray[np.complex64]:
+def checked_cube(source: Path | str, cube: NDArray[Any], radar: Radar, several: bool = True) -> NDArray[np.complex64]:
+    """[frame, chirp, sample, C] of one or several frames of a radar.
+
+    :param several: whether there may be several
+    :raises InputError: of another shape, not complex, not finite or beyond :data:`LARGEST_SAMPLE`
+    """
     expected = frame_shape(radar)
-    if cube.shape[-3:] != expected or cube.ndim not in (3, 4) or not cube.size or not np.iscomplexobj(cube):
-        raise InputError(
-            path, f"cube is {cube.dtype} {list(cube.shape)}",
-            f"complex64 [chirp, sample, channel] = {list(expected)} of radar {radar.name!r}, or several such frames",
-        )  # fmt: skip
+    axes = (3, 4) if several else (3,)
+    if cube.shape[-3:] != expected or cube.ndim not in axes or not cube.size or not np.iscomplexobj(cube):
+        more = ", or several such frames" if several else ""
+        shape = f"complex64 [chirp, sample, channel] = {list(expected)} of radar {radar.name!r}{more}"
+        raise InputError(source, f"cube is {cube.dtype} {list(cube.shape)}", shape)
     if bad := int(np.count_nonzero(~np.isfinite(cube))):
-        raise InputError(path, f"cube has {bad} values that are not finite", "finite samples")
+        raise InputError(source, f"cube has {bad} values that are not finite", "finite samples")
     if (largest := np.abs(cube).max()) > LARGEST_SAMPLE:
-        raise InputError(path, f"cube has samples of {largest:.3g}", f"at most {LARGEST_SAMPLE:g}")
+        raise InputError(source, f"cube has samples of {largest:.3g}", f"at most {LARGEST_SAMPLE:g}")
     return cube.reshape(-1, *expected).astype(np.complex64)
 
 

@@ -24,9 +24,11 @@ from trainer.captures.cube_file import Capture, Scale, measured_noise, write_cub
 from trainer.captures.options import ImportOptions, Reading
 from trainer.captures.reading import SUFFIXES, read_arrays
 from trainer.captures.samples import (
+    EXPECTED_SAMPLES,
     FULL_SCALE,
     OTHER_SIDE_DB,
     chosen_frames,
+    first_frame,
     flatness_db,
     other_side_db,
     without_echo,
@@ -73,9 +75,13 @@ def import_capture(asked: ImportOptions) -> Capture:
     cube, dead = raw.cube, raw.dead
     if found is not None:
         cube, dead = found.applied(cube, raw.radar), tuple(sorted({*dead, *found.dead_channels}))
+    noise_power = measured_noise(cube, raw.radar, dead)
+    if not noise_power > 0.0:
+        expected = "noise in more than half of the channels and cells, as a board records it"
+        raise InputError(source, "noise of 0 beside samples that are not 0", expected)
     capture = Capture(
         source=source.name, source_sha256=raw.sha256, board=asked.board, frames=len(cube),
-        scale=raw.scale, noise_power=measured_noise(cube, raw.radar, dead),
+        scale=raw.scale, noise_power=noise_power,
         calibration=None if calibration is None else sha256_of(calibration),
         model_error_db=None if found is None else found.model_error_db, dead_channels=dead,
     )  # fmt: skip
@@ -124,6 +130,10 @@ def read_capture(source: Path, reading: Reading) -> RawCapture:
         digest = sha256_of(source)
     else:
         cube, digest = _of_binary(source, reading, of_board)
+    if not cube.any():
+        raise InputError(source, "all samples are 0", EXPECTED_SAMPLES)
+    if empty := first_frame(cube):
+        notes.append(f"empty frames first: {empty}; noise and dead channels are those of frame {empty}")
     if (excess := other_side_db(cube)) > OTHER_SIDE_DB:
         notes.append(f"warning: the last range bins hold {excess:.0f} dB more than the first: see --order and --layout")
     converter = radar.front_end.converter
@@ -158,7 +168,7 @@ def _of_binary(source: Path, reading: Reading, of_board: CaptureRadar) -> tuple[
     lanes: Lanes = "4-lane" if layout == "4-lane" else "2-lane"
     cube = read_dca1000(source, of_board, reading, lanes)
     if reading.layout is None and len(of_board.radar.array.rx_m) == LANES and not of_board.real:
-        first = reading.frames[0] if reading.frames else 0
+        first = first_frame(cube) + (reading.frames[0] if reading.frames else 0)
         other: Lanes = "2-lane" if lanes == "4-lane" else "4-lane"
         turned = read_dca1000(source, of_board, replace(reading, frames=(first, first + 1)), other)
         if (narrower := flatness_db(cube) - flatness_db(turned)) > OTHER_LANES_DB:
@@ -168,8 +178,9 @@ def _of_binary(source: Path, reading: Reading, of_board: CaptureRadar) -> tuple[
 
 
 def dead_channels(cube: NDArray[np.complex64]) -> tuple[int, ...]:
-    """Channels of [frame, chirp, sample, C] whose samples, without their mean, hold no echo."""
-    first = cube[0].astype(np.complex128)  # single precision squares no more than 1e19
+    """Channels of [frame, chirp, sample, C] without an echo: by the first frame that is not empty, its samples without
+    their mean."""
+    first = cube[first_frame(cube)].astype(np.complex128)  # single precision squares no more than 1e19
     first -= first.mean(axis=1, keepdims=True)
     level = power_to_db(np.mean(np.abs(first) ** 2, axis=(0, 1)))
     return tuple(np.flatnonzero(without_echo(level)).tolist())

@@ -25,6 +25,8 @@ DEAD_DB = 25.0
 """A channel that much weaker than the median channel has no echo: gains differ by a few dB."""
 FULL_SCALE = 2**15
 """Of 16-bit samples, in counts."""
+EXPECTED_SAMPLES = "a capture, or other frames with --frames"
+"""Where all are 0."""
 NEAR_BINS, OTHER_SIDE_DB = 4, 10.0
 """TX leak into RX at a range of almost 0, in the first bins after bin 0. Where the last bins, which are those of
 negative frequencies, hold that much more, I and Q are the other way round, or the bytes are something else."""
@@ -118,7 +120,7 @@ def read_numbers(path: Path, sizes: Sizes, frames: range) -> NDArray[np.int16]:
     if tuple(numbers[:7]) == (1, 0, 1456, 0, 0, 0, 0):
         raise InputError(path, "holds the headers of its packets", "the adc_data.bin that mmWave Studio makes of it")
     if not numbers.any():
-        raise InputError(path, "all samples are 0", "a capture")
+        raise InputError(path, "all samples are 0", EXPECTED_SAMPLES)
     return numbers.reshape(len(frames), sizes.numbers)
 
 
@@ -142,26 +144,34 @@ def as_cube(numbers: NDArray[Any], axes: Sequence[str], order: Order) -> NDArray
     return np.ascontiguousarray(samples.reshape(*samples.shape[:3], -1))
 
 
+def first_frame(cube: NDArray[np.complexfloating]) -> int:
+    """The first frame of [frame, ...] that is not empty, of which noise, dead channels and I and Q are judged; 0 where
+    all samples are 0. A recording may begin before its board does."""
+    return next((frame for frame, samples in enumerate(cube) if samples.any()), 0)
+
+
 def without_echo(level_db: NDArray[np.floating]) -> NDArray[np.bool_]:
     """Which of these channels are :data:`DEAD_DB` below the median one."""
     return np.asarray(level_db < np.median(level_db) - DEAD_DB)
 
 
 def flatness_db(cube: NDArray[np.complex64]) -> float:
-    """Geometric over arithmetic mean of the range profile's power, first frame, without the samples' mean [dB].
+    """Geometric over arithmetic mean of the range profile's power without the samples' mean, of the first frame that is
+    not empty [dB].
 
     0 for noise alone, and the lower the fewer range bins hold the power: samples that are put together in a wrong order
     spread every echo over more bins. In simulated scenes of 1 to 20 echoes at 10 to 40 dB SNR the wrong of "2-lane" and
     "4-lane" was always the flatter, by 1.2 to 25 dB; in OpenRadar's capture by 6 dB.
     """
-    power = _range_profile(cube[0] - cube[0].mean(axis=1, keepdims=True)) + np.finfo(np.float64).tiny
+    frame = cube[first_frame(cube)]
+    power = _range_profile(frame - frame.mean(axis=1, keepdims=True)) + np.finfo(np.float64).tiny
     return float(10.0 * np.log10(np.exp(np.mean(np.log(power))) / power.mean()))
 
 
 def other_side_db(cube: NDArray[np.complex64]) -> float:
-    """Power of the last range bins over that of the first ones, of the first frame [dB]: large where I and Q are the
-    other way round."""
-    power = _range_profile(cube[0])
+    """Power of the last range bins over that of the first ones, of the first frame that is not empty [dB]: large where
+    I and Q are the other way round."""
+    power = _range_profile(cube[first_frame(cube)])
     bins = min(NEAR_BINS, max((len(power) - 1) // 2, 1))
     tiny = np.finfo(np.float64).tiny
     return float(10.0 * np.log10((power[-bins:].sum() + tiny) / (power[1 : bins + 1].sum() + tiny)))

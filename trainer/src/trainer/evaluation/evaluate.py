@@ -87,6 +87,8 @@ def evaluate(asked: EvaluateOptions) -> pa.Table:
         bench, chosen, title, remarks = _prepared(dataset, row, config)
         remove_partial(out)
         store = CellStore(out / CELLS)
+        if row is not None and row.numbered:
+            remarks.append(f"{row.path}: {row.place} is looked at; other frames are not")
         for line in remarks:
             announce(line)
         if bench.frames:

@@ -105,6 +105,11 @@ def laid_out(
     return rows[0].permute(1, 2, 0)[place].permute(0, 3, 1, 2)
 
 
+def at_least_single(values: torch.Tensor) -> torch.Tensor:
+    """What autocast left in half precision, in single; double precision stays."""
+    return values if values.dtype == torch.float64 else values.float()
+
+
 class UnrolledNetwork(nn.Module):
     """Snapshots [B, 2 C + 1, R, 1] of :func:`shared.signal.features.snapshot_features` to [B, 1 or 2, R, U]: the
     compressed magnitude over the row's RMS, and the logit of a target.
@@ -168,13 +173,15 @@ class UnrolledNetwork(nn.Module):
         batch, planes, rows, _ = snapshots.shape
         known = None if prior is None else prior.reshape(batch * rows, -1)
         with torch.autocast(snapshots.device.type, enabled=False):
-            row = snapshots.float()[..., 0].transpose(1, 2).reshape(batch * rows, planes)
+            row = at_least_single(snapshots)[..., 0].transpose(1, 2).reshape(batch * rows, planes)
             snapshot, noise = torch.complex(row[:, : planes // 2], row[:, planes // 2 : -1]), row[:, -1]
             tables = AdaptiveTables(*(self.get_buffer(name) for name in AdaptiveTables._fields))
             with torch.no_grad():
                 power = adaptive_powers(snapshot, noise, tables, self.plain, 1.0 if known is None else known)
                 filtered, form = adaptive_forms(power, snapshot, noise, tables)
-                seen = virtual_view(power, filtered, self.get_buffer("view"))
+                # Declared in single precision: also of a network in double, where that costs a last digit of the base.
+                single = torch.complex64
+                seen = virtual_view(power.float(), filtered.to(single), self.get_buffer("view").to(single))
         found = Iterate(power, filtered, form, noise, (batch, rows, self.bins))
         for step in self.steps:
             power = self.stepped(found, step)
@@ -198,12 +205,13 @@ class UnrolledNetwork(nn.Module):
         state, level = self._state(found)
         known = torch.cat([state, base[:, None], level[:, None]], dim=1)
         if self.prior is not None and prior is not None:
-            known = known + self.prior(prior.log10()[:, None]).float()
-        own, base = self.row(known).float(), base[:, None]
+            known = known + at_least_single(self.prior(prior.log10()[:, None]))
+        own, base = at_least_single(self.row(known)), base[:, None]
         if place is None:
-            context = self.context(known).float()
+            context = at_least_single(self.context(known))
         else:
-            context = torch.cat([self.context(laid_out(known, some)).float() for some in place.split(IMAGES_AT_ONCE)])
+            parts = [at_least_single(self.context(laid_out(known, some))) for some in place.split(IMAGES_AT_ONCE)]
+            context = torch.cat(parts)
             own, base = laid_out(own, place), laid_out(base, place)
         answer = context + own
         return torch.cat([answer[:, :1] + base, answer[:, 1:]], dim=1)
@@ -213,7 +221,7 @@ class UnrolledNetwork(nn.Module):
         correction = step(self._state(found)[0])
         ratio = likes_ratio(found.filtered, found.form)
         inside = ratio[:, : self.bins].clamp_min(LEAST_RATIO)
-        beta, delta = (correction[:, part].float().reshape(-1, self.bins) for part in (0, 1))
+        beta, delta = (at_least_single(correction[:, part]).reshape(-1, self.bins) for part in (0, 1))
         change = (beta * inside.log10() + delta).clamp(-LARGEST_CORRECTION, LARGEST_CORRECTION)
         change = functional.pad(change, (0, found.power.shape[1] - self.bins))
         return bounded_power(found.power * ratio * torch.pow(10.0, change))

@@ -56,7 +56,7 @@ from trainer.estimators.array import LineArray, uniform_axis
 from trainer.estimators.fitting import whitening
 
 LEAST, MOST = 1.0, 700.0
-"""Levels between which the answer is sought."""
+"""Levels between which the answer is sought: LEAST_FALSE_ALARMS of :mod:`trainer.defaults` follow from about 600."""
 LEVELS, VALID = np.arange(LEAST, 64.0), 0.8
 """Of levels that of which the equation has most lines: below, where a lobe of the array is higher nearly always, it has
 few too. And the share of the most up to which it is taken."""

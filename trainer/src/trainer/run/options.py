@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from shared.physics.errors import InputError
 from shared.processes.declared import Option, Options, common, either
 from shared.processes.telling import AnnouncingOptions
-from trainer.defaults import CELLS, ESTIMATOR_NAMES, FALSE_ALARMS, FORMATS, PEAKS
+from trainer.defaults import CELLS, ESTIMATOR_NAMES, FALSE_ALARMS, FORMATS, LEAST_FALSE_ALARMS, PEAKS
 from trainer.run.pretrained import pretrained_names, pretrained_run, require_run
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class ImageOptions(Options):
         f"A classical estimator in place of a network, for any array: {either(ESTIMATOR_NAMES)}.",
         choices=ESTIMATOR_NAMES)] = None
     radar: Annotated[str | None, Option("Radar of a .npy cube: a preset or a TOML file.")] = None
-    split: Annotated[str, Option("Of a dataset: train, validation, test or all.")] = "test"
+    split: Annotated[str | None, Option("Of a dataset: train, validation, test or all; test by default.")] = None
     pictures: Annotated[bool, Option("A PNG for each frame.", "With DaS beside it.")] = True
     points: Annotated[bool, Option("Also the targets as a list: a column 'detections', the strongest first.")] = False
     points_format: Annotated[str, Option(
@@ -57,8 +57,9 @@ class PointsRequest(Options):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not (math.isfinite(self.false_alarms) and self.false_alarms > 0.0):
-            raise InputError("--false-alarms", f"{self.false_alarms}", "a finite number above 0, of lines a frame")
+        if not LEAST_FALSE_ALARMS <= self.false_alarms < math.inf:
+            expected = f"a finite number of at least {LEAST_FALSE_ALARMS:g}, of lines a frame"
+            raise InputError("--false-alarms", f"{self.false_alarms}", expected)
 
 
 class PredictRequest(AnnouncingOptions, PointsRequest, ImageOptions):

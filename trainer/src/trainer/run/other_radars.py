@@ -55,7 +55,14 @@ def fitted_imager(
     tolerance = position_tolerance(run)
     ordered = run.config.features not in ORDERED or bool((np.diff(found) > 0).all())
     if len(found) < len(wanted) or misfit > tolerance or not ordered:
-        raise InputError(source, *_refusal(run, run_source, radar, misfit, tolerance))
+        if len(found) < len(wanted):
+            obstacle = f"are fewer than the {len(wanted)} of {run.array.name!r}"
+        elif misfit > tolerance:
+            missed = f"{misfit:.2g} wavelengths of {tolerance:.2g} allowed"
+            obstacle = f"miss a place of {run.array.name!r} by {missed}"
+        else:
+            obstacle = f"come in another order than {run.array.name!r}, which {run.config.features!r} features know"
+        raise InputError(source, *_refusal(run, run_source, radar, obstacle))
     stretched = "" if abs(stretch - 1.0) < 1e-3 else f", stretched by {stretch:.3f}"
     remarks.append(
         f"{len(found)} of its {radar.array.channels} channels stand as those of {run.array.name!r} in the run"
@@ -132,7 +139,8 @@ def _imager_at(run: Run, imager: Imager, there: NDArray[np.float64], found: NDAr
     return made.eval()
 
 
-def _refusal(run: Run, run_source: str, radar: Radar, misfit: float, tolerance: float) -> tuple[str, str]:
+def _refusal(run: Run, run_source: str, radar: Radar, obstacle: str) -> tuple[str, str]:
+    """(problem, what would be right) where the radar's channels meet an obstacle."""
     differing = [
         f"{part}.{name}"
         for part, names in (("array", ("tx_m", "rx_m")), ("waveform", ("carrier_hz", "bandwidth_hz")))
@@ -141,7 +149,6 @@ def _refusal(run: Run, run_source: str, radar: Radar, misfit: float, tolerance: 
     ]
     problem = (
         f"radar {radar.name!r} differs from {run.radar.name!r} of {run_source} in {', '.join(differing)}; its "
-        f"{radar.array.channels} channels miss a place of {run.array.name!r} by {misfit:.2g} wavelengths of "
-        f"{tolerance:.2g} allowed"
+        f"{radar.array.channels} channels {obstacle}"
     )
     return problem, training_commands(radar)

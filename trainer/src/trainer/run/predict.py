@@ -30,7 +30,7 @@ from shared.processes.declared import taking
 from shared.radar import Radar
 from shared.signal.ego_motion import EgoMotion
 from shared.signal.tdm import statement
-from trainer.captures.cube_file import CubeFile
+from trainer.captures.cube_file import CubeFile, checked_cube
 from trainer.data.arrays import FULL, choose_array
 from trainer.data.measurements import Measurement, Measurements, of_cube, open_measurements
 from trainer.defaults import PEAKS
@@ -154,8 +154,12 @@ class Predictor:
         return cls(answer, Motions(velocity, mounting_yaw_deg, wanted), listed)
 
     def cube(self, cube: NDArray[np.complexfloating], frame: int = 0) -> Prediction:
-        """Of the samples [chirp, sample, channel] [sqrt(W)] of the radar that was named to :meth:`load`."""
-        found = CubeFile(np.asarray(cube, dtype=np.complex64)[None], self.answer.radar, None)
+        """Of the samples [chirp, sample, channel] [sqrt(W)] of the radar that was named to :meth:`load`.
+
+        :raises InputError: of another shape, not complex, not finite or too large
+        """
+        radar = self.answer.radar
+        found = CubeFile(checked_cube("cube", np.asarray(cube), radar, several=False), radar, None)
         return self(of_cube("cube", found, 0, None, PEAKS if self.listed is None else self.listed.cells, frame))
 
     def __call__(self, seen: Measurement) -> Prediction:
@@ -278,7 +282,10 @@ def predict(request: PredictRequest) -> int:
 def _open(request: PredictRequest) -> tuple[Answer, Measurements]:
     """Who answers, and what is asked."""
     loaded = None if request.run is None else load_imager(request.run)
-    found, measurements = open_measurements(request.source, request.radar, request.split, request.listed.cells)
+    source, split = request.source, request.split
+    found, measurements = open_measurements(source, request.radar, split or "test", request.listed.cells)
+    if split is not None and not measurements.dataset:
+        raise InputError("--split", f"{split!r} beside a cube", f"no --split: all frames of {source} are imaged")
     if loaded is None:
         assert request.method is not None
         if said := choose_array(FULL, found).left_out(found):

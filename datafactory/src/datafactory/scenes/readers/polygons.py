@@ -102,10 +102,11 @@ def _concave(polygons: NDArray[np.float64]) -> NDArray[np.bool_]:
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
     normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
     size = np.square(edges).sum(axis=-1).max(axis=1)
-    concave = (np.einsum("fnk,fk->fn", turns, normal) < -CONVEX_TOLERANCE * size[:, None]).any(axis=1)
+    leans = np.einsum("fnk,fk->fn", turns, normal)
+    concave: NDArray[np.bool_] = np.any(leans < -CONVEX_TOLERANCE * size[:, None], axis=1)
     # At a corner that stands twice no edge turns: what counts is the outline without the repetition.
-    repeats = ~edges.any(axis=-1)
-    for face in np.flatnonzero(repeats.any(axis=1) & ~concave):
+    repeats: NDArray[np.bool_] = np.all(edges == 0.0, axis=-1)
+    for face in np.flatnonzero(np.any(repeats, axis=1) & ~concave):
         once = polygons[face][~repeats[face]]
         concave[face] = len(once) > 3 and _concave(once[None])[0]
     return concave

@@ -65,7 +65,7 @@ def cut_figure(
     """
     look = Look(spectra)
     columns = min(COLUMNS, len(look.arrays))
-    where = "" if measured.radar is None else f", {measured.row * measured.radar.waveform.range_step_m:.2f} m"
+    where = "" if measured.radar is None else f", {measured.place}"
     title = f"{title}: {figure_text(measured.path.name)}{where}"
     lines = -(-len(look.arrays) // columns)
     size = max(4.6 * columns, 7.0), 3.3 * lines + 1.1
@@ -271,8 +271,7 @@ def _line_list(measured: MeasuredInput, spectra: Found, reference: NDArray[np.fl
     if measured.targets is not None:
         angles = ", ".join(f"{angle:.3f}" for angle in reference)
         told = f", {measured.targets} told (maximum likelihood of as many on all elements: {angles} deg)"
-    step = None if measured.radar is None else measured.radar.waveform.range_step_m
-    where = "" if step is None else f", range {measured.row * step:.2f} m"
+    where = "" if measured.radar is None else f", {measured.place}"
     error_db = measured.frame.model_error_db
     error = "no model error" if math.isinf(error_db) else f"model error {error_db:g} dB"
     return f"Measured row{where}{told}, {error}\n\n" + "\n".join(tables)

@@ -50,7 +50,7 @@ class MeasuredInput:
     :param row: its range bin there
     :param element: which element of the snapshot each of the frame's channels is, -1 for dead ones and those off the
         azimuth line; channels that coincide are one element, their mean
-    :param radar: of a cube
+    :param radar: of a cube, of which the first frame is taken that is not empty
     :raises InputError: more targets than the elements of its smallest array can tell
     """
 
@@ -71,6 +71,18 @@ class MeasuredInput:
         if self.targets is not None and self.targets > fewest // 2:
             raise InputError("--targets", f"{self.targets} with {fewest} elements", f"at most {fewest // 2}")
 
+    @property
+    def numbered(self) -> bool:
+        """Whether the cube holds several frames: the name of one says which."""
+        return self.radar is not None and self.frame.name != self.path.stem
+
+    @property
+    def place(self) -> str:
+        """Which row of a cube it is, as text."""
+        assert self.radar is not None
+        frame = f"frame {self.frame.frame_id}, " if self.numbered else ""
+        return f"{frame}range {self.row * self.radar.waveform.range_step_m:.2f} m"
+
     def line(self, elements: NDArray[np.intp]) -> LineArray:
         """The places of some of its channels."""
         return LineArray(self.positions_m[elements], self.wavelength_m)
@@ -82,12 +94,14 @@ def read_measured(
     range_m: float | None = None,
     model_error_db: float | None = None,
 ) -> MeasuredInput:
-    """The row of a file: a snapshot (.mat, .npy), or the range bin of a cube (.npz) that is asked for or the strongest.
+    """The row of a file: a snapshot (.mat, .npy), or the range bin of a cube (.npz) that is asked for or the strongest,
+    in its first frame that is not empty.
 
     :param targets: their number in the row, where it is known
     :param range_m: of the row of a cube; the strongest where None
     :param model_error_db: by default the cube's own, and :data:`shared.signal.model_error.UNCALIBRATED_DB` without
-    :raises InputError: a file that is none of these, a range beyond the cube's, a model error above 0 dB, no targets
+    :raises InputError: a file that is none of these or holds no echo, a range beyond the cube's, a model error above
+        0 dB, no targets
     """
     if targets is not None and targets < 1:
         raise InputError("--targets", repr(targets), "1 or more; none where their number is not known")
@@ -111,7 +125,7 @@ def read_measured(
 def read_snapshot(path: Path) -> NDArray[np.complex128]:
     """[C] the snapshot of a MATLAB file with one complex vector, or of a complex vector in a .npy file.
 
-    :raises InputError: no such file, not readable, no or several complex vectors, values that are not finite
+    :raises InputError: no such file, not readable, no or several complex vectors, values that are not finite or all 0
     """
     if not path.is_file() or path.suffix not in (".mat", ".npy"):
         raise InputError("--measured", f"{path}", "a .mat or .npy file with one complex vector, or a cube as .npz")
@@ -123,6 +137,8 @@ def read_snapshot(path: Path) -> NDArray[np.complex128]:
     snapshot = next(iter(vectors.values())).ravel().astype(np.complex128)
     if len(snapshot) < LEAST_ELEMENTS or not np.isfinite(snapshot).all():
         raise InputError(path, f"{len(snapshot)} elements", f"more than {LEAST_ELEMENTS - 1} finite ones")
+    if not snapshot.any():
+        raise InputError(path, "all elements are 0", "a snapshot with an echo")
     return snapshot
 
 
@@ -171,10 +187,12 @@ def snapshot_radar(found: MeasuredInput, like: Radar) -> Radar:
 
 def _of_cube(path: Path, targets: int | None, range_m: float | None, model_error_db: float | None) -> MeasuredInput:
     radar, measurements = open_measurements(path, None, "all")
-    frame = next(iter(measurements))
     used = np.setdiff1d(radar.array.azimuth_channels, np.array(measurements.dead_channels, dtype=np.intp))
     if not len(used):
         raise InputError(path, f"all {radar.array.channels} channels are dead", "a channel with an echo")
+    frame = next((one for one in measurements if one.cells.range_channel[0][:, used].any()), None)
+    if frame is None:
+        raise InputError(path, "all samples are 0", "a frame with an echo")
     unused = np.setdiff1d(np.arange(radar.array.channels), used)
     rows, places = averaged(frame.cells.range_channel[0], radar, unused)
     element = np.full(radar.array.channels, -1, dtype=np.intp)
