@@ -21,8 +21,6 @@ from trainer.run.export import export
 from trainer.run.folder import load_imager
 
 SPECTRAL = {"model": "spectral-unet"}
-PAPER = {"model": "attention-unet", "features": "paper", "target": "class", "width": 4}
-SHAPE = (RADAR.waveform.range_bins, RADAR.grid.bins)
 
 
 @pytest.mark.parametrize(
