@@ -117,6 +117,30 @@ def test_the_delay_law_is_that_of_the_edge(objects, kind, error_m):
         assert table_length(path, tx, rx) == pytest.approx(shortest_over(edge, tx, rx), abs=error_m)
 
 
+@pytest.mark.parametrize(("height", "beside"), [(5.0, 0.15), (10.0, 0.4), (20.0, 0.6)])
+def test_beyond_the_end_of_an_edge_the_wave_comes_from_the_end(height, beside):
+    """A level rim that begins beside the foot, against Fresnel's integral along it: the phase of elements at one place
+    and at others."""
+    half = 3.0
+    of = scene_of(plate("s", (height, beside + half, 3.0), (0, half, 0), (0, 0, 2.0), "metal"))
+    edges = edges_of(of).seen_from(HOME)
+    rim = edges.take((np.abs(edges.start[:, 2] - 1.0) < 1e-9) & (np.abs(edges.end[:, 2] - 1.0) < 1e-9))
+    path, images, _ = edge_echoes(rim, slabs(of), everything)
+    assert (len(path), len(images)) == (1, 0)
+    y = np.linspace(beside, beside + 2.0 * half, 200_001)
+    fades = np.where(y > beside + half, np.cos(0.5 * np.pi * (y - beside - half) / half) ** 2, 1.0)
+
+    def field(y_tx: float, y_rx: float) -> complex:
+        length = np.sqrt(height**2 + 1.0 + (y - y_tx) ** 2) + np.sqrt(height**2 + 1.0 + (y - y_rx) ** 2)
+        return np.sum(fades * np.exp(1j * WAVENUMBER * (length - 2.0 * np.hypot(height, 1.0))))
+
+    for y_tx, y_rx in ((-0.05, 0.0), (0.05, 0.0), (-0.05, 0.045)):
+        tx, rx = np.array([0.0, y_tx, 0.0]), np.array([0.0, y_rx, 0.0])
+        longer = WAVENUMBER * (table_length(path, tx, rx) - table_length(path, RADAR, RADAR))
+        off = np.angle(np.exp(1j * longer) * field(0.0, 0.0) / field(y_tx, y_rx)) / (2.0 * np.pi)
+        assert abs(off) < 0.08, (y_tx, y_rx)
+
+
 def test_motion_along_an_edge_changes_nothing_and_across_it_the_range():
     pose = Pose((0.0, 0.0, 0.0), velocity=(3.0, 0.0, 2.0))
     (path, _, _), (_, level, _) = (

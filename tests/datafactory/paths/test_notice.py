@@ -32,11 +32,20 @@ from datafactory.paths.rays import RayFan
 from datafactory.paths.scattered import chain_candidates
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import TraceSettings
-from datafactory.paths.table import DIFFRACTED, DIFFUSE, REFRACTED, SPECULAR, PathTable, ScatteredPaths, SpecularPaths
+from datafactory.paths.table import (
+    DIFFRACTED,
+    DIFFUSE,
+    REFRACTED,
+    SPECULAR,
+    TARGET,
+    PathTable,
+    ScatteredPaths,
+    SpecularPaths,
+)
 from datafactory.paths.trace import trace
 from datafactory.paths.view import View
 from datafactory.scenes.poses import Pose, read_poses
-from datafactory.scenes.scene import Scene, SceneObject
+from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AntennaArray
@@ -240,6 +249,23 @@ def test_no_echo_exceeds_the_bound_of_its_candidate() -> None:
                 beyond += int(passed.sum())
     assert all(met.values()), met
     assert beyond > 0
+
+
+@pytest.mark.usefixtures("variant")
+def test_a_target_beside_the_beam_is_heard_over_a_wall_in_it() -> None:
+    """The bound of its way over mirrors is that of boresight: the target itself stands high above the beam."""
+    wall = plate("wall", (24.5, 0.0, 0.0), (0.0, 20.0, 0.0), (0.0, 0.0, 20.0), "metal")
+    post = PointTarget("post", (8.66, 0.5, 5.0), -10.0)
+    merged = merge_scene(Scene("post and wall", (wall,), (post,)), MATERIALS)
+    settings = TraceSettings(rays=20_000, depth=2, diffraction=False)
+    every, heard = (
+        trace(merged, Pose((0.0, 0.0, 0.0)), RADAR.waveform.mid_sweep_hz, settings, RayFan(20_000), 1, notice=notice)
+        for notice in (None, NOTICE)
+    )
+    lit = every.within(RADAR).illuminated(RADAR.front_end).scattered
+    power = np.abs(lit.amplitude[lit.kinds & TARGET > 0]) ** 2
+    assert power.max() > NOTICE.limit_w(every)
+    assert 3 in heard.scattered.depth[heard.scattered.kinds & TARGET > 0]
 
 
 def two_walls(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray]) -> Candidates:

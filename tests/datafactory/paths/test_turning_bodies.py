@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from curved_scenes import Mesh, sphere, tube
 from numpy.typing import NDArray
 from oracles import mirror_path, mirrored
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, TURN_DEG_PER_S, plate, scene_of, turning
+from sionna_scenes import FREQUENCY_HZ, MATERIALS, TURN_DEG_PER_S, mesh, plate, scene_of, turning
 from town_scenes import box
 
 from datafactory.paths.bodies import bodies_of
@@ -16,7 +17,7 @@ from datafactory.paths.planes import Rim, planes_of
 from datafactory.paths.rays import RayFan
 from datafactory.paths.rows import image_seen_from_tx, tx_image_seen_from_rx
 from datafactory.paths.solver import TraceSettings
-from datafactory.paths.table import PathTable
+from datafactory.paths.table import CORNER, PathTable
 from datafactory.paths.trace import trace
 from datafactory.scenes.motion import Track
 from datafactory.scenes.poses import Pose
@@ -182,6 +183,42 @@ def test_edges_of_a_turning_body_move_as_two_moments_say_and_others_are_kept() -
         velocity = now.velocity_at(np.arange(len(now)), here)
         np.testing.assert_allclose(velocity, (there - here) / STEP_S, atol=1e-3)
     np.testing.assert_array_equal(now.velocity[house], 0.0)
+
+
+@pytest.mark.usefixtures("variant")
+def test_corners_of_a_turning_body_have_the_range_rate_of_two_traces() -> None:
+    """One 3 m from the middle of its long body: the mean velocity of the mesh would be 7 Doppler cells off."""
+    bed = plate("bed", (7.0, 3.0, -0.5), (1.0, 0, 0), (0, 1.0, 0), "metal")
+    wall = plate("wall", (8.0, 3.0, 0.5), (0, 1.0, 0), (0, 0, 1.0), "metal")
+    far = plate("far", (8.5, -3.0, 0.5), (0.2, 1.0, 0), (0, 0, 1.0), "metal")
+    merged = scene_of(*(turning(item, forward=0.0) for item in (bed, wall, far)))
+    poses = [Pose((0.0, 3.0, 0.3), time_s=time) for time in (0.0, 1e-5)]
+    now, then = (
+        table.take(table.kinds & CORNER > 0)
+        for table in (traced(merged, pose, depth=1, corners=True).specular for pose in poses)
+    )
+    assert len(now) == len(then) > 0
+    rate = 0.5 * np.einsum("ki,ki->k", now.image, now.image_velocity) / np.linalg.norm(now.image, axis=1)
+    np.testing.assert_allclose(rate, (then.range_m() - now.range_m()) / 1e-5, atol=2e-3)
+    assert np.abs(rate).min() > 1.5
+
+
+@pytest.mark.usefixtures("variant")
+@pytest.mark.parametrize(
+    ("shape", "yaw"), [(sphere(0.33, 48), 1200.0), (tube(20.0, 2.0, 40, start=np.pi - 0.4, turn=0.8), 40.0)]
+)
+def test_curved_mirrors_of_a_turning_body_move_as_two_traces_say(shape: Mesh, yaw: float) -> None:
+    """A ball that spins in place moves nothing; a bent wall turns the way to its mirror image."""
+    vertices, triangles = shape
+    middle = 28.0 if yaw == 40.0 else 8.0
+    item = mesh("body", vertices + np.array([middle, 0.0, 0.0]), triangles, "metal")
+    merged = scene_of(turning(item, yaw=yaw, forward=0.0))
+    poses = [Pose((0.0, 0.3 if yaw == 40.0 else 0.0, 0.0), time_s=time) for time in (0.0, 1e-4)]
+    now, then = (traced(merged, pose, depth=1, diffuse=False).scattered for pose in poses)
+    assert len(now) == len(then) == 1
+    for side in ("tx", "rx"):
+        moved = (getattr(then, f"{side}_point") - getattr(now, f"{side}_point")) / 1e-4
+        np.testing.assert_allclose(getattr(now, f"{side}_velocity"), moved, atol=0.05)
 
 
 def test_boundaries_of_mirrors_that_rest_are_those_of_time_0() -> None:

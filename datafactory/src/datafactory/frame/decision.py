@@ -27,7 +27,6 @@ from datafactory.paths.candidates import PANE
 from datafactory.paths.cells import cell_map
 from datafactory.paths.notice import Notice, strongest
 from datafactory.paths.table import CORNER, DIFFRACTED, DIFFUSE, REFRACTED, SPECULAR, TARGET, PathTable
-from shared.physics.compiled import compiled
 from shared.physics.vectors import Real, lengths
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
@@ -106,28 +105,8 @@ def range_rates_mps(paths: PathTable, waveform: Waveform) -> Real:
     frame's edges: an echo that passes abeam, whose rate is zero for a moment, is not at rest.
     """
     half_s = 0.5 * waveform.chirps * waveform.chirp_interval_s
-    ranges = np.stack([_range_at(paths, time_s) for time_s in (0.0, half_s, 2.0 * half_s)])
+    ranges = np.stack([paths.at_rest(time_s).range_m() for time_s in (0.0, half_s, 2.0 * half_s)])
     return np.abs(np.diff(ranges, axis=0)).max(axis=0, initial=0.0) / half_s
-
-
-def _range_at(paths: PathTable, time_s: float) -> Real:
-    """[K] half the paths' lengths at a time [m]."""
-    one, specular = paths.scattered, paths.specular
-    legs = _moved_lengths(one.tx_point, one.tx_velocity, time_s) + _moved_lengths(one.rx_point, one.rx_velocity, time_s)
-    between = one.between_m + one.between_rate_mps * time_s
-    return 0.5 * np.concatenate([legs + between, lengths(specular.image + specular.image_velocity * time_s)])
-
-
-@compiled()
-def _moved_lengths(point, velocity, time_s):
-    """[K] distances of moving points from the origin at a time [m]."""
-    result = np.empty(len(point))
-    for k in range(len(point)):
-        x = point[k, 0] + velocity[k, 0] * time_s
-        y = point[k, 1] + velocity[k, 1] * time_s
-        z = point[k, 2] + velocity[k, 2] * time_s
-        result[k] = np.sqrt(x * x + y * y + z * z)
-    return result
 
 
 def pattern_change(paths: PathTable, radar: Radar) -> Real:

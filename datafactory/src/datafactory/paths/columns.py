@@ -67,7 +67,8 @@ class Placed(Columns, ABC):
 
     def moving_with(self, merged_scene: MergedScene, mesh: Index) -> Self:
         """The same things with the motions of meshes [n] of a merged scene at its time."""
-        return replace(self, velocity=merged_scene.velocities[mesh], shift=merged_scene.shifts[mesh])
+        velocity = np.where(merged_scene.turned[mesh, None], self.velocity, merged_scene.velocities[mesh])
+        return replace(self, velocity=velocity, shift=merged_scene.shifts[mesh])
 
     @abstractmethod
     def nearest(self) -> Real:

@@ -136,8 +136,9 @@ def _paths(view: View, apertures: Apertures) -> tuple[ScatteredPaths, SpecularPa
     image = ~beside & np.where(level, high - low >= 2.0 * WIDE, width >= WIDE)
     # A corner that is short along its edge moves as a body; of a long one the edge slides through the point.
     body = np.minimum(centre - low, high - centre) < SHORT
-    slides = dots(corners.velocity, corners.direction)[:, None] * corners.direction
-    velocity = corners.velocity - np.where(body[:, None], 0.0, slides)
+    velocity = corners.velocity_at(point)
+    slides = dots(velocity, corners.direction)[:, None] * corners.direction
+    velocity = velocity - np.where(body[:, None], 0.0, slides)
     both, images = np.tile(np.arange(len(corners)), 2), np.tile(image, 2)
     gamma = np.concatenate([
         over_faces(view, order, corners.face_mesh, corners.normal, unit(point)) for order in ((0, 1), (1, 0))
@@ -145,9 +146,9 @@ def _paths(view: View, apertures: Apertures) -> tuple[ScatteredPaths, SpecularPa
     axes = np.concatenate([_turn(corners, order) for order in (0, 1)])
     amplitude = np.conj(gamma) * (wavelength / (4.0 * np.pi * shortest))[both] * shares.reshape(-1)
     owner = corners.object_index[both]
+    at_foot = corners.velocity_at(corners.foot)[both]
     specular = SpecularPaths.of(
-        _moved_by(axes, corners.foot[both]), _moved_by(axes, corners.velocity[both]), axes, amplitude, owner, CORNER, 2,
-        number[both],
+        _moved_by(axes, corners.foot[both]), _moved_by(axes, at_foot), axes, amplitude, owner, CORNER, 2, number[both],
     )  # fmt: skip
     # The integral's phase counts from L*, the table's from the way to the point and back.
     rest = shortest - 2.0 * np.linalg.norm(point, axis=1)

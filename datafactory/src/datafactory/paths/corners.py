@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from datafactory.paths.bodies import Body, bodies_of
 from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, one_after_another
 from datafactory.paths.free_extent import all_strips, quarters
-from datafactory.paths.merged_scene import MergedScene, found_once
+from datafactory.paths.merged_scene import MergedScene, barycentric, found_once
 from datafactory.paths.planes import TOUCH_M, PlanarFaces, planar_faces_of
 from shared.physics.vectors import Index, Mask, Real, dots, lengths, unit
 
@@ -43,6 +43,7 @@ class CornerEdges(Placed):
     :param normal: [C, 2, 3] unit normals of the faces, into the quarter between them
     :param face: [C, 2] numbers of the faces; :param face_mesh: [C, 2] index into ``MergedScene.meshes``
     :param object_index: [C] index into ``MergedScene.objects`` of the first face
+    :param turn: [C, 3] by how much ``velocity``, that of ``origin``, changes for each metre along the edge [1/s]
     :param strips: [S, 6] start and end along the edge, the reach of the first face there, and that of the second [m]
     :param corner_of_strip: [S] rising
     :param face_of_triangle: [T] of the merged scene's triangles; -1 where a triangle has none
@@ -55,6 +56,7 @@ class CornerEdges(Placed):
     face: Index
     face_mesh: Index
     object_index: NDArray[np.int32]
+    turn: Real = field(metadata=DIRECTION)
     strips: Real = field(metadata=WHOLE)
     corner_of_strip: Index = field(metadata=WHOLE)
     face_of_triangle: Index = field(metadata=WHOLE)
@@ -99,6 +101,10 @@ class CornerEdges(Placed):
         stay = place[self.corner_of_strip] >= 0
         strips, corner_of_strip = self.strips[stay], place[self.corner_of_strip[stay]]
         return replace(super().take(chosen), strips=strips, corner_of_strip=corner_of_strip)
+
+    def velocity_at(self, point: Real) -> Real:
+        """[C, 3] of points [C, 3] of the edges [m/s]."""
+        return self.velocity + dots(point - self.origin, self.direction)[:, None] * self.turn
 
     def extent(self) -> tuple[Real, Real]:
         """Start [C] and end [C] of each corner along its edge [m]."""
@@ -180,22 +186,29 @@ def _edges_of_body(body: Body) -> CornerEdges:
     pieces, corner_of_strip, lead = pieces[stay], (np.cumsum(wide) - 1)[corner_of_strip[stay]], lead[wide]
     pair, into, origin = pair[lead], into[lead], origin[pair[lead]]
     normal = unit(into[:, ::-1] - dots(into[:, 0], into[:, 1])[:, None, None] * into)
-    contact = faces.contact[pair]
+    contact, direction = faces.contact[pair], unit(np.cross(into[:, 0], into[:, 1]))
     return CornerEdges(
         origin=origin,
-        direction=unit(np.cross(into[:, 0], into[:, 1])),
+        direction=direction,
         into=into,
         normal=normal,
         face=faces.pairs[pair],
         face_mesh=body.mesh[contact],
         object_index=body.owner[contact[:, 0]],
-        velocity=np.zeros((len(lead), 3)),
+        velocity=_carried(body, contact[:, 0], origin),
+        turn=_carried(body, contact[:, 0], origin + direction) - _carried(body, contact[:, 0], origin),
         shift=np.zeros((len(lead), 3)),
         strips=pieces,
         corner_of_strip=corner_of_strip,
         face_of_triangle=faces.of_triangle,
         counts={"right_angles": len(faces.pairs), "corner_edges": len(lead)},
     )
+
+
+def _carried(body: Body, triangle: Index, point: Real) -> Real:
+    """[n, 3] velocities of points [n, 3] in the planes of a body's triangles [n], of what turns [m/s]."""
+    weights = barycentric(body.corners[triangle], point)
+    return np.einsum("nc,nci->ni", weights, body.velocities[body.triangles[triangle]])
 
 
 def _lines(faces: PlanarFaces, triangles: Real) -> tuple[Real, Real, Real]:
@@ -283,7 +296,7 @@ def _points_of_body(body: Body) -> CornerPoints:
         off_square=np.arcsin(np.minimum(between, 1.0)),
         face_mesh=body.mesh[triangle],
         object_index=body.owner[triangle[:, 0]],
-        velocity=np.zeros((len(number), 3)),
+        velocity=_carried(body, triangle[:, 0], apex[number]),
         shift=np.zeros((len(number), 3)),
         counts={"corner_points": len(number)},
     )

@@ -19,9 +19,9 @@ Delay law. To second order in the positions a, b of TX and RX across the sight u
 
     c tau = 2 R - u . (a + b) + |a - b|^2 / (4 R) + (a + b) . K (a + b) / 4,   K = W (1 + R W)^-1.
 
-As the surface moves with V, u turns with K V. With k the value of K along the array's axis y, scattered paths with
-S = 2 R / (1 + R k), q = S u, p = (2 / k - S) u and b = 2 R - 2 / k are exact to second order for a TX at the origin, in
-time too, and else off by
+As the surface moves with V, u turns with K V; where its normal turns as well, at a rate w, with K V + (1 + R W)^-1 w.
+With k the value of K along the array's axis y, scattered paths with S = 2 R / (1 + R k), q = S u, p = (2 / k - S) u and
+b = 2 R - 2 / k are exact to second order for a TX at the origin, in time too, and else off by
 
     |a| |b| |1 / R - k| / 2 + |a|^2 |1 / S - 1 / |p|| / 2.
 
@@ -44,7 +44,7 @@ from datafactory.paths.curved_surfaces import CurvedSurfaces, curved_surfaces_of
 from datafactory.paths.facets import share_within_rims
 from datafactory.paths.feet import NEAREST_M
 from datafactory.paths.geometry import ray_margin_m
-from datafactory.paths.mirrors import AHEAD_M, MirrorEchoes, plane_amplitude, way_and_back
+from datafactory.paths.mirrors import AHEAD_M, MirrorEchoes, plane_amplitude, rates_of_normals, way_and_back
 from datafactory.paths.table import ScatteredPaths, SpecularPaths
 from datafactory.paths.view import View
 from shared.physics.vectors import Complex, Index, Mask, Real, dots, unit
@@ -225,7 +225,12 @@ def _paths(
     sight = feet.foot / range_m[:, None]
     bend = feet.curvature / focus_factors(feet, view.wavelength_m)
     rate = dots(sight, velocity)
-    turning = np.einsum("nj,nj,nji->ni", bend, np.einsum("nji,ni->nj", feet.axes, velocity), feet.axes)
+    mesh = view.merged.mesh_of_triangle[feet.triangle]
+    turned = rates_of_normals(view.merged, feet.triangle, mesh) @ view.rotation
+    turned *= np.sign(dots(view.normals[feet.triangle], sight))[:, None]
+    moved, turned = (np.einsum("nji,ni->nj", feet.axes, vector) for vector in (velocity, turned))
+    changes = bend * moved + turned / focus_factors(feet, view.wavelength_m)
+    turning = np.einsum("nj,nji->ni", changes, feet.axes)
     k = _along_array(sight, bend, feet.axes)
     laws = _law_of_points(range_m, k)
     echoes = MirrorEchoes(sight, range_m, rate, turning, amplitude, view.merged.owner[feet.triangle], kinds)

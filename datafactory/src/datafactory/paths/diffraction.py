@@ -20,7 +20,8 @@ endless edge with direction e, for a TX and an RX at distances rho_i, rho_j from
 The law of scattered paths with p = q = foot is exact for elements side by side across the edge (z_i = z_j), and off by
 (z_i + z_j)^2 / (4 h) otherwise. That of specular paths with image 2 p and H = 2 e e^T - I is exact for elements along
 the edge, and off by (w_i - w_j)^2 / (4 h) with w across edge and sight. For each edge the law with the smaller error
-for an array along y is used: at most, at 45 deg, 0.1 wavelength at 20 m for elements 0.25 m from the centre.
+for an array along y is used: at most, at 45 deg, 0.1 wavelength at 20 m for elements 0.25 m from the centre. Beyond the
+end of an edge the wave comes from a point: there it is the first.
 
 The polarisation is split into the edge's own directions (soft: electric field along the edge). Faces reflect as slabs
 of their materials; at a rim the sheet also transmits. Amplitudes are conjugates, as in the path table.
@@ -251,7 +252,7 @@ class EdgeEchoes:
         images = SpecularPaths.of(
             2.0 * rays.point, 2.0 * velocity, axes, amplitude, owner, DIFFRACTED, candidate=candidate
         )
-        level = along_array(e, rays.inward)
+        level = along_array(e, rays.inward) & ~rays.at_end
         counts = {"edge_rays": len(tried), "edge_rays_hidden": len(tried) - len(rays)}
         return points.take(~level), images.take(level), counts
 

@@ -77,9 +77,7 @@ class WedgeEdges(Placed):
 def edges_of(merged_scene: MergedScene) -> WedgeEdges:
     """All wedges of a merged scene at its time, made once for each."""
     found = WedgeEdges.of_bodies([_edges_of_body(body) for body in bodies_of(merged_scene)])
-    mesh = found.face_mesh[:, 0]
-    moved = found.moving_with(merged_scene, mesh)
-    return replace(moved, velocity=np.where(merged_scene.turned[mesh, None], found.velocity, moved.velocity))
+    return found.moving_with(merged_scene, found.face_mesh[:, 0])
 
 
 @found_once

@@ -92,7 +92,7 @@ def single_mirrors(view: View) -> tuple[SpecularPaths, dict[str, int]]:
         amplitude *= view.reflected_share(triangle, foot - off[:, None] * normal, foot, range_m, range_m)
     rate = dots(sight, view.velocity(triangle, foot))
     side = np.sign(dots(normal, sight))
-    turning = side[:, None] * _rates_of_normals(merged, triangle, mesh) @ view.rotation
+    turning = side[:, None] * rates_of_normals(merged, triangle, mesh) @ view.rotation
     echoes = MirrorEchoes(sight, range_m, rate, turning, amplitude, merged.owner[triangle], kinds)
     return echoes.images(), {"mirrors_hidden": hidden}
 
@@ -126,7 +126,7 @@ def plane_amplitude(view: View, mesh: Index, range_m: Real) -> Complex:
     return np.asarray(np.conj(te) * (view.slabs.unscattered(mesh) * scale), dtype=np.complex128)
 
 
-def _rates_of_normals(merged_scene: MergedScene, triangle: Index, mesh: Index) -> Real:
+def rates_of_normals(merged_scene: MergedScene, triangle: Index, mesh: Index) -> Real:
     """[n, 3] rates [1/s] of the unit normals of triangles, in the world: 0 but on meshes that turn.
 
     With N = a x b of two sides, N' = a' x b + a x b', and n' = (N' - n (n . N')) / |N|.

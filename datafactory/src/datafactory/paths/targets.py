@@ -20,10 +20,9 @@ field that edges add at a target in sight, up to 6 dB one way at the shadow boun
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.paths.candidates import TARGET_MIRRORED, TARGET_SEEN, Candidates
 from datafactory.paths.columns import pairs_in_runs, place_in_run
@@ -34,7 +33,7 @@ from datafactory.paths.mirrored_targets import DirectWays, echoes_over_mirrors
 from datafactory.paths.table import DIFFRACTED, REFRACTED, TARGET, ScatteredPaths, SpecularPaths
 from datafactory.paths.view import EDGES_WITHIN_M, FAINTEST, View, panes_between, polarization_axis
 from shared.physics.units import db_to_power
-from shared.physics.vectors import Complex, Index, Mask, Real, dots, lengths
+from shared.physics.vectors import Mask, Real, dots, lengths
 
 EDGES_PER_TARGET = 4
 """Ways to a hidden target that are used, the strongest, each out with each back; weaker ones are counted."""
@@ -50,25 +49,6 @@ MIRRORED_MORE = 24.0 * 4.0
 """What all echoes of a target over mirrors have at most, over its own in plain sight: 24 paths
 (:data:`.mirrored_targets.MIRRORS_PER_POINT`), none nearer and no mirror amplifying, of a cross section that is at most
 four times as large from where the mirrors stand."""
-
-
-@dataclass(frozen=True)
-class _Legs:
-    """L ways from the radar to targets, each over one edge, target by target.
-
-    :param target: [L] rising
-    :param point: [L, 3] the wavefront's centre as the array sees it [m]; ``velocity`` [L, 3] [m/s]
-    :param rest_m: [L] length of the way beyond that point [m]; ``rest_rate`` [L] its rate [m/s]
-    :param sent, received: [L] the fields G for the polarisations of TX and RX
-    """
-
-    target: Index
-    point: Real
-    velocity: Real
-    rest_m: Real
-    rest_rate: Real
-    sent: Complex
-    received: Complex
 
 
 def echoes_round_corners(
@@ -88,10 +68,9 @@ def echoes_round_corners(
         here = hidden.take(np.arange(first, min(first + TARGETS_AT_ONCE, count)))
         rays = rays_over_edges(view.edges, ORIGIN, here.position, view.wavelength_m)
         rays = rays.take(_both_legs_clear(view, rays, here.position))
-        legs, left = _legs_over(view, rays, here.velocity, edges_per_target)
-        reached += len(np.unique(legs.target))
+        paths, left = _round_trips(view, rays, here, edges_per_target)
+        reached += len(np.unique(paths.candidate))
         weaker += left
-        paths = _round_trips(legs, here.amplitudes(view.wavelength_m), view.merged.object_of_target(here.target))
         parts.append(replace(paths, candidate=paths.candidate + first))
     counts = {
         "targets_round_corners": reached,
@@ -99,36 +78,6 @@ def echoes_round_corners(
         "edges_round_corners_left_out": weaker,
     }
     return ScatteredPaths.joined(parts), counts
-
-
-def _legs_over(view: View, rays: EdgeRays, target_velocity: Real, limit: int) -> tuple[_Legs, int]:
-    """The strongest of the clear ways to each target, the strongest first, and the number of weaker ones."""
-    edges, polarization = view.edges, view.settings.polarization
-    fields = {
-        which: field_over_edges(
-            edges, rays, view.slabs, polarization_axis(rays.inward, which), polarization_axis(rays.outward, which)
-        )
-        for which in dict.fromkeys(polarization)
-    }
-    sent, received = (fields[which] for which in polarization)
-    by_strength = np.lexsort((-np.abs(sent * received), rays.observer))
-    best = by_strength[place_in_run(rays.observer) < limit]
-    to, chosen, inward, outward = rays.observer[best], rays.edge[best], rays.inward[best], rays.outward[best]
-    out_m, on_m = rays.geometry.source_distance_m[best], rays.geometry.observer_distance_m[best]
-    level = along_array(edges.direction[chosen], inward)
-    # The length's rate is u' . v_edge + u . (v_target - v_edge): the sliding of the point adds nothing (Fermat).
-    at_edge = edges.velocity_at(chosen, rays.point[best])
-    rate = dots(outward, target_velocity[to] - at_edge)
-    legs = _Legs(
-        target=to,
-        point=np.where(level[:, None], inward * (out_m + on_m)[:, None], rays.point[best]),
-        velocity=at_edge + np.where(level, rate, 0.0)[:, None] * inward,
-        rest_m=np.where(level, 0.0, on_m),
-        rest_rate=np.where(level, 0.0, rate),
-        sent=sent[best],
-        received=received[best],
-    )
-    return legs, len(rays) - len(best)
 
 
 def _both_legs_clear(view: View, rays: EdgeRays, targets: Real) -> Mask:
@@ -148,26 +97,47 @@ def _both_legs_clear(view: View, rays: EdgeRays, targets: Real) -> Mask:
     return clear
 
 
-def _round_trips(legs: _Legs, scale: Real, owner: NDArray[np.int32]) -> ScatteredPaths:
-    """Every way out with every way back of each target.
+def _round_trips(view: View, rays: EdgeRays, targets: EchoPoints, limit: int) -> tuple[ScatteredPaths, int]:
+    """Every way out with every way back of each target, over its strongest edges, and the number of weaker ones.
 
-    :param scale: [T] of the amplitude; :param owner: [T] the targets' object indices
+    A way is that to the wavefront's centre as the array sees it, and the rest beyond.
     """
-    out, back = pairs_in_runs(legs.target)
-    count, target = len(out), legs.target[out]
-    return ScatteredPaths(
-        tx_point=legs.point[out],
-        rx_point=legs.point[back],
-        tx_velocity=legs.velocity[out],
-        rx_velocity=legs.velocity[back],
-        between_m=legs.rest_m[out] + legs.rest_m[back],
-        between_rate_mps=legs.rest_rate[out] + legs.rest_rate[back],
-        amplitude=np.conj(scale[target] * legs.sent[out] * legs.received[back]),
+    edges, polarization = view.edges, view.settings.polarization
+    fields = {
+        which: field_over_edges(
+            edges, rays, view.slabs, polarization_axis(rays.inward, which), polarization_axis(rays.outward, which)
+        )
+        for which in dict.fromkeys(polarization)
+    }
+    sent, received = (fields[which] for which in polarization)
+    by_strength = np.lexsort((-np.abs(sent * received), rays.observer))
+    best = by_strength[place_in_run(rays.observer) < limit]
+    to, chosen, inward, outward = rays.observer[best], rays.edge[best], rays.inward[best], rays.outward[best]
+    out_m, on_m = rays.geometry.source_distance_m[best], rays.geometry.observer_distance_m[best]
+    level = along_array(edges.direction[chosen], inward) & ~rays.at_end[best]
+    # The length's rate is u' . v_edge + u . (v_target - v_edge): the sliding of the point adds nothing (Fermat).
+    at_edge = edges.velocity_at(chosen, rays.point[best])
+    rate = dots(outward, targets.velocity[to] - at_edge)
+    point = np.where(level[:, None], inward * (out_m + on_m)[:, None], rays.point[best])
+    velocity = at_edge + np.where(level, rate, 0.0)[:, None] * inward
+    rest_m, rest_rate = np.where(level, 0.0, on_m), np.where(level, 0.0, rate)
+    out, back = pairs_in_runs(to)
+    count, target = len(out), to[out]
+    scale, owner = targets.amplitudes(view.wavelength_m), view.merged.object_of_target(targets.target)
+    paths = ScatteredPaths(
+        tx_point=point[out],
+        rx_point=point[back],
+        tx_velocity=velocity[out],
+        rx_velocity=velocity[back],
+        between_m=rest_m[out] + rest_m[back],
+        between_rate_mps=rest_rate[out] + rest_rate[back],
+        amplitude=np.conj(scale[target] * sent[best][out] * received[best][back]),
         depth=np.full(count, 3, dtype=np.int8),
         object_index=owner[target],
         kinds=np.full(count, DIFFRACTED | TARGET, dtype=np.uint8),
         candidate=target.astype(np.int32),
     )
+    return paths, len(rays) - len(best)
 
 
 class TargetEchoes:
@@ -213,7 +183,8 @@ class TargetEchoes:
         of_sight = self._view.wavelength_m**2 * np.maximum(whole, self._nominal) / (4.0 * np.pi) ** 3
         power = MIRRORED_MORE * of_sight / np.maximum(lengths(self._away), NEAREST_M) ** 4
         followed = np.where(self._heard, power, 0.0)
-        return Candidates.joined([itself, Candidates.of(TARGET_MIRRORED, self._away, followed)])
+        ahead = np.outer(lengths(self._away), (1.0, 0.0, 0.0))
+        return Candidates.joined([itself, Candidates.of(TARGET_MIRRORED, ahead, followed)])
 
     def seen(self, worth: Mask) -> Heard:
         """The echoes, no paths without a scattering point, and the numbers of those left out."""
