@@ -234,6 +234,10 @@ def test_poses_after_the_last_sample_are_counted() -> None:
 
     assert remarks(driven) == ["street: 2 of 4 poses are not before 2 s, from when on what has samples rests"]
     assert remarks(driven, POSES[:2]) == []
+    before = replace(POSES[0], time_s=-1.0)
+    assert remarks(driven, (before, POSES[0])) == [
+        "street: 1 of 2 poses are before 0 s, until when what has samples rests"
+    ]
     # A pose of another scene's frame is none of this one's.
     two = Movers(Scene("street", (CAR, driven))), Movers(Scene("yard", (CAR,)))
     assert Deal(scenes=2, poses=(POSES[0], POSES[3]), traffic=two).remarks() == []

@@ -74,7 +74,11 @@ def test_four_paths_each_with_its_own_length_and_bounces() -> None:
     assert [name for name in np.array(table.objects)[paths.object_index]] == ["post"] * 4
     assert (table.counts["target_mirrors"], table.counts["target_mirrors_too_wide"]) == (1, 0)
     # The list of targets names each once, where it really stands.
-    assert len(object_targets(table, len(table.objects) - 1, Radar())) == 1
+    targets, counts = object_targets(table, len(table.objects) - 1, Radar())
+    assert (len(targets), counts) == (1, {"targets_out_of_view": 0})
+    behind = replace(table.scattered, rx_point=table.scattered.rx_point * [-1.0, 1.0, 1.0])
+    targets, counts = object_targets(replace(table, scattered=behind), len(table.objects) - 1, Radar())
+    assert (len(targets), counts) == (0, {"targets_out_of_view": 1})
 
 
 @pytest.mark.parametrize(

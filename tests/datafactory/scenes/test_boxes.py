@@ -222,6 +222,31 @@ def test_what_moves_without_a_label_is_a_thing_by_itself() -> None:
     np.testing.assert_allclose(ball.velocity, [1.0, 0.0, 0.0])
 
 
+@pytest.mark.parametrize("fine", [1, 12])
+def test_a_boxs_velocity_is_its_middles_however_finely_its_parts_are_cut(tmp_path: Path, fine: int) -> None:
+    """A standing body with a door that turns about its edge, of 4 vertices or of 156."""
+    y = np.linspace(0.0, 1.2, fine + 1)
+    points = ",".join(f"(0,{place:.6f},{height})" for place in y for height in np.linspace(0.0, 1.2, fine + 1))
+    faces = ",".join(
+        f"{i * (fine + 1) + j},{(i + 1) * (fine + 1) + j},{(i + 1) * (fine + 1) + j + 1},{i * (fine + 1) + j + 1}"
+        for i in range(fine)
+        for j in range(fine)
+    )
+    door = f"""def Mesh "Door" {{
+ point3f[] points = [{points}]
+ int[] faceVertexCounts = [{",".join(["4"] * fine**2)}]
+ int[] faceVertexIndices = [{faces}]
+ uniform token subdivisionScheme = "none"
+ {ops(translate=(0, 1, 0.2), rotateZ={0: 20, 24: 60})}
+}}"""
+    thing = only(
+        read(tmp_path, car(f'custom string radar:class = "car"\n {placed(12, 5, 30)}', body=f"{BODY}\n{door}"))
+    )
+    for time_s in (0.0, 0.5):
+        assert_velocity_is_the_centres_rate(thing, time_s)
+        assert np.linalg.norm(thing.at(time_s).velocity) > 0.05
+
+
 def test_the_class_is_part_of_a_scenes_content(tmp_path: Path) -> None:
     """A run that is resumed with other labels would mix two datasets."""
     hashes = {read(tmp_path, car(f'custom string radar:class = "{name}"')).content_hash() for name in ("car", "van")}

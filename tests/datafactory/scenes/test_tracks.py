@@ -144,10 +144,10 @@ def test_rates_that_are_none_are_refused() -> None:
 
 
 def test_table_and_list_are_the_same_track(tmp_path: Path) -> None:
-    table = "time, x, y, z, yaw_deg, pitch_deg, roll_deg, vx, vy, vz\n0,1,2,3,10,1,2,4,5,6\n\n1,2,3,4,20,2,3,4,5,6\n"
+    table = "time, x, y, z, yaw_deg, pitch_deg, roll_deg, vx, vy, vz\n0,1,2,3,10,1,2,1,1,1\n\n1,2,3,4,20,2,3,1,1,1\n"
     entries = [
         {"time": n, "position": [1 + n, 2 + n, 3 + n], "yaw_deg": 10 + 10 * n, "pitch_deg": 1 + n, "roll_deg": 2 + n,
-         "velocity": [4, 5, 6]}
+         "velocity": [1, 1, 1]}
         for n in (0, 1)
     ]  # fmt: skip
     one = read_track(written(tmp_path, "\ufeff" + table))
@@ -166,6 +166,15 @@ def test_poses_are_the_track_that_they_are_in_a_file(tmp_path: Path) -> None:
     far = [Pose((0.0, 0.0, 0.5)), Pose((1e6, 0.0, 0.5), time_s=1.0)]
     with pytest.raises(InputError, match=r"--trajectory: pose 1 is reached at 1e\+06 m/s from the pose before"):
         track_of(far, "--trajectory")
+
+
+@pytest.mark.parametrize("velocity", ["36,0,0", "0,-10,0"])
+def test_velocities_that_are_none_of_the_track_are_refused(tmp_path: Path, velocity: str) -> None:
+    """In km/h, and along the axes of a sensor that looks aside: frames between the rows would drive backwards."""
+    table = "time,x,y,z,yaw_deg,vx,vy,vz\n" + "".join(f"{n},{10 * n},0,0.5,0,{velocity}\n" for n in range(4))
+    with pytest.raises(InputError, match=r"m/s where places go at \(10, 0, 0\); expected those of the world, in m/s"):
+        read_track(written(tmp_path, table))
+    read_track(written(tmp_path, table.replace(velocity, "9,1,0")))
 
 
 # --- drives -----------------------------------------------------------------------------------------------------------

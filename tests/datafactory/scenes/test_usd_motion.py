@@ -78,6 +78,10 @@ def test_what_is_odd_about_an_animation_is_said(tmp_path: Path) -> None:
         48: (9, 0, 0), 72: (10, 0, 0) }}
       uniform token[] xformOpOrder = ["xformOp:translate"]
     }}
+    def Mesh "late" {{
+      {CUBE}
+      token visibility.timeSamples = {{ 0: "invisible", 5: "inherited" }}
+    }}
     def Sphere "s" {{
       double radius.timeSamples = {{ 0: 1, 24: 2 }}
     }}
@@ -96,7 +100,8 @@ def test_what_is_odd_about_an_animation_is_said(tmp_path: Path) -> None:
         "startTimeCode 24 lies after endTimeCode 0: time 0 is that of 0",
         "1 animations have samples before startTimeCode or after endTimeCode, which count too",
         "1 gaps in animations (samples without a value) hold the value before them",
-        "1 prims appear or vanish: taken as at the start",
+        "2 prims appear or vanish: taken as at the start",
+        "1 invisible prims skipped, with everything below them",
         "1 solids change their size: taken as they are at the start",
         "1 objects have radar:velocity and time samples: the attribute says how they move",
         "1 attributes radar:rcs_dbsm have time samples: taken as at the start",

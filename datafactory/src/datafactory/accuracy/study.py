@@ -177,10 +177,13 @@ class _Study:
         """What the clock did not see takes what it took for all."""
         cube, image, power, bias = levels
         seconds = self.fixed | clock.seconds()
+        default = knob in KNOBS and getattr(knobs, knob) == getattr(DEFAULT, knob)
+        if knob == DEFAULTS:
+            default = knobs == DEFAULT
         return Row(
             knob=knob,
             setting=setting,
-            default=knob == DEFAULTS or (knob in KNOBS and getattr(knobs, knob) == getattr(DEFAULT, knob)),
+            default=default,
             seconds=sum(seconds.values()),
             stage_seconds={stage: seconds[stage] for stage in STAGES},
             cube_error_db=cube,

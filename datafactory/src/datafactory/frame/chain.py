@@ -198,7 +198,7 @@ def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
         boxes, boxed = boxes_of(traced.things, paths, radar)
         paths = at("prune", pruned, paths, radar, settings.prune_db)
         first = len(paths.objects) - traced.point_targets
-        pose, known = traced.pose, object_targets(paths, first, radar)
+        pose, (known, listed) = traced.pose, object_targets(paths, first, radar)
         frame = Frame(
             traced.frame_id, "scene", traced.scene, traced.seed, pose.position, pose.velocity, pose.quaternion(),
             targets=known, boxes=boxes, time=pose.time_s, sequence=traced.sequence,
@@ -206,6 +206,7 @@ def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
         counted = {
             **lit_cells(paths, radar),
             **boxed,
+            **listed,
             "targets_beyond_range": targets_beyond(traced.table.candidates, radar),
             **{f"{FRAMES_WITH}{name}": int(on) for name, on in effects.items()},
         }

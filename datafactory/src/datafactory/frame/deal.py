@@ -308,6 +308,9 @@ class Deal(Wanted):
             if late := sum(pose.time_s >= movers.rests_from_s for pose in poses):
                 from_when = f"{movers.rests_from_s:g} s, from when on what has samples rests"
                 said.append(f"{movers.scene}: {late} of {len(poses)} poses are not before {from_when}")
+            if early := sum(pose.time_s < movers.moves_from_s for pose in poses):
+                until = f"{movers.moves_from_s:g} s, until when what has samples rests"
+                said.append(f"{movers.scene}: {early} of {len(poses)} poses are before {until}")
         for scene, poses in zip(opened, given, strict=False):
             if hidden := int(buried(scene, np.array([pose.position for pose in poses]).reshape(-1, 3)).sum()):
                 said.append(f"{scene.name}: {hidden} of {len(poses)} poses are under the ground or inside something")

@@ -154,17 +154,21 @@ def image(
         yield replace(frame, image=truth, image_peak=peak, targets=targets[:MAXIMUM_TARGETS]), counts
 
 
-def object_targets(paths: PathTable, first_object: int, radar: Radar) -> tuple[Target, ...]:
-    """The point targets among illuminated paths: the direct echoes off objects from ``first_object`` on."""
+def object_targets(paths: PathTable, first_object: int, radar: Radar) -> tuple[tuple[Target, ...], dict[str, int]]:
+    """The point targets among illuminated paths: the direct echoes off objects from ``first_object`` on, those in the
+    radar's range and field of view, and how many there are without."""
     scattered = paths.scattered
-    chosen = scattered.take((scattered.object_index >= first_object) & (scattered.depth == 1))
-    return target_list(
+    direct = (scattered.object_index >= first_object) & (scattered.depth == 1)
+    shown = direct & _shown(scattered.rx_point, radar)
+    chosen = scattered.take(shown)
+    targets = target_list(
         chosen.rx_point,
         chosen.rx_velocity,
         amplitude_to_db(chosen.amplitude),
         [paths.objects[index] for index in chosen.object_index],
         radar,
     )
+    return targets, {"targets_out_of_view": int(np.count_nonzero(direct & ~shown))}
 
 
 def targets_beyond(candidates: Candidates, radar: Radar) -> int:
@@ -204,7 +208,7 @@ def boxes_of(things: Sequence[SeenThing], paths: PathTable, radar: Radar) -> tup
     boxes, outside = [], 0
     for thing in things:
         center = np.array(thing.center) + np.array(thing.velocity) * radar.waveform.mid_frame_s
-        if not _within(_outline(thing, center), radar):
+        if not _shown(_outline(thing, center), radar).any():
             outside += 1
             continue
         yaw = float(np.arctan2(thing.forward[1], thing.forward[0]))
@@ -219,10 +223,11 @@ def _outline(thing: SeenThing, center: Real) -> Real:
     return center + corners * np.array(thing.size) @ np.array([thing.forward, thing.left, thing.up])
 
 
-def _within(places: Real, radar: Radar) -> bool:
-    """Whether any of [n, 3] places [m] is ahead, within the range and between the first and the last bin of u."""
+def _shown(places: Real, radar: Radar) -> NDArray[np.bool_]:
+    """[n] which of [n, 3] places [m] are ahead, within the range and between the first and the last bin of u."""
     range_m = np.linalg.norm(places, axis=1)
     u = places[:, 1] / np.maximum(range_m, 1e-9)
     waveform, bins = radar.waveform, radar.grid.u
     ahead = (places[:, 0] > 0.0) & (range_m <= waveform.ranges_m[-1])
-    return bool((ahead & (u >= bins[0]) & (u <= bins[-1])).any())
+    shown: NDArray[np.bool_] = ahead & (u >= bins[0]) & (u <= bins[-1])
+    return shown

@@ -123,6 +123,7 @@ MEANINGS = {
     "cells_lit_by_fewer_than_5_paths": "of these, those whose echo is the sum of too few paths for natural speckle",
     "targets_left_out": "of the truth's cells above the noise, those beyond the 256 strongest of a frame",
     "boxes": "boxes of objects that move or have a class",
+    "targets_out_of_view": "echo points in sight beyond the range or the field of view, not listed as targets",
     "boxes_out_of_view": "boxes beyond the range or the field of view, left out",
     "converter_saturated": "samples that the converter cut off",
 }

@@ -163,7 +163,7 @@ def clear_between(mi_scene: Any, start: Real, end: Real) -> Mask:
     start, end = np.broadcast_arrays(np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64))
     if not len(start):
         return np.zeros(0, dtype=bool)
-    return ~mi_scene.ray_test(_rays(*_lines(np.ascontiguousarray(start), np.ascontiguousarray(end)))).numpy()
+    return ~mi_scene.ray_test(_rays(*_lines(np.array(start), np.array(end)))).numpy()
 
 
 @compiled()

@@ -149,7 +149,8 @@ def _class_of(item: SceneObject | PointTarget) -> str:
 
 
 def _box_of(parts: BoxedThing, time_s: float) -> WorldBox:
-    """The box around all parts at a time."""
+    """The box around all parts at a time, with the velocity of its middle: of the points at its six sides, beyond that
+    of the frame that carries them."""
     instants = [item.at(time_s) for item in parts.items]
     corners = [_corners(now) if isinstance(now, PointTarget) else (now.vertices, now.velocities) for now in instants]
     points, velocities = (np.concatenate(values) for values in zip(*corners, strict=True))
@@ -162,7 +163,9 @@ def _box_of(parts: BoxedThing, time_s: float) -> WorldBox:
     if parts.frame is not None:
         rate = _rate_field(parts.frame, time_s)
         field, carried = points @ rate[:3, :3].T + rate[:3, 3], rate[:3, :3] @ center + rate[:3, 3]
-    return WorldBox(center, high - low, axes, carried + (velocities - field).mean(axis=0))
+    rates, axis = (velocities - field) @ axes.T, np.arange(3)
+    sides = 0.5 * (rates[along.argmin(axis=0), axis] + rates[along.argmax(axis=0), axis])
+    return WorldBox(center, high - low, axes, carried + sides @ axes)
 
 
 def _rate_field(frame: Chain, time_s: float) -> Real:
@@ -225,6 +228,8 @@ class Movers:
         movers: list[SceneObject | PointTarget] = [*self._objects, *self._targets]
         own = [item.motion for item in movers if not item.name.startswith(f"{FOLDER}/")]
         ends_s = [motion.ends_s for motion in own if motion is not None]
+        self.moves_from_s = min((motion.begins_s for motion in own if motion is not None), default=-np.inf)
+        """Before, what of the scene's own has samples rests [s]; -inf where nothing has."""
         self.rests_from_s = max(ends_s, default=horizon_s or np.inf)
         """From when on what of the scene's own has samples rests [s]; where nothing has, a population; else inf."""
         self.populated_s = horizon_s

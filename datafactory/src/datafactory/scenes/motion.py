@@ -87,6 +87,11 @@ class Track:
         return repr((self.times, self.places, self.velocities)).encode()
 
     @property
+    def begins_s(self) -> float:
+        """Until when it rests [s]."""
+        return self.times[0]
+
+    @property
     def ends_s(self) -> float:
         """From when on it rests [s]."""
         return self.times[-1]
@@ -139,6 +144,11 @@ class Moving:
             digest.update(np.ascontiguousarray(self.shape.times, dtype="<f8").tobytes())
             digest.update(np.ascontiguousarray(self.shape.values).tobytes())
         return digest.digest()
+
+    @property
+    def begins_s(self) -> float:
+        """Until when it rests [s]."""
+        return float(self.times()[0])
 
     @property
     def ends_s(self) -> float:

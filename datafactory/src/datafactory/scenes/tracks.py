@@ -231,4 +231,29 @@ def _curve(path: Path | str, poses: Sequence[Pose], places: list[str], stated: l
         problem = f"{places[row]} is reached at {speed[row - 1]:.3g} m/s from the pose before"
         raise InputError(path, problem, f"at most {FASTEST_MPS:g} m/s")
     velocity = np.array([pose.velocity for pose in poses]) if all(stated) else None
+    if velocity is not None:
+        _require_own_velocities(path, velocity, np.diff(position, axis=0) / steps_s[:, None])
     return Curve(time_s, position, angles_deg, velocity)
+
+
+CONTRADICTS, CONTRADICTS_MPS = 0.5, 1.0
+"""Of the larger of two velocities, and beyond that: what braking and turning between two rows never makes."""
+
+
+def _require_own_velocities(path: Path | str, stated: Real, driven: Real) -> None:
+    """Refuse velocities [n, 3] that are none of this track: in km/h, or along the sensor's axes.
+
+    A velocity of 0 is left out: so have poses of Python theirs that state none.
+
+    :param driven: [n - 1, 3] of the places from row to row [m/s]
+    :raises InputError: most of them differ by more than what lies between two rows
+    """
+    told = stated.any(axis=1)
+    both = told[1:] & told[:-1]
+    between, driven = 0.5 * (stated[1:] + stated[:-1])[both], driven[both]
+    size = np.maximum(np.linalg.norm(between, axis=1), np.linalg.norm(driven, axis=1))
+    away = np.linalg.norm(between - driven, axis=1) - CONTRADICTS * size
+    if len(away) and np.median(away) > CONTRADICTS_MPS:
+        row = int(np.argmax(away))
+        said, gone = (f"({', '.join(f'{value:.3g}' for value in one[row])})" for one in (between, driven))
+        raise InputError(path, f"velocities of {said} m/s where places go at {gone}", "those of the world, in m/s")

@@ -157,11 +157,11 @@ class _Reader:
         imageable = UsdGeom.Imageable(prim)
         if imageable:
             visibility = imageable.GetVisibilityAttr()
+            blinks = visibility.ValueMightBeTimeVarying()
+            self._notes.count("# prims appear or vanish: taken as at the start", int(blinks))
             if visibility.Get(self._start) == UsdGeom.Tokens.invisible:
                 self._notes.count("# invisible prims skipped, with everything below them")
                 return []
-            blinks = visibility.ValueMightBeTimeVarying()
-            self._notes.count("# prims appear or vanish: taken as at the start", int(blinks))
             if imageable.GetPurposeAttr().HasAuthoredValue():
                 inherited = replace(inherited, purpose=str(imageable.GetPurposeAttr().Get()))
         inherited = self._with_attributes(prim, inherited)
