@@ -248,7 +248,7 @@ def _require_own_velocities(path: Path | str, stated: Real, driven: Real) -> Non
     :param driven: [n - 1, 3] of the places from row to row [m/s]
     :raises InputError: most of them differ by more than what lies between two rows
     """
-    told = stated.any(axis=1)
+    told = np.linalg.norm(stated, axis=1) > 0.0
     both = told[1:] & told[:-1]
     between, driven = 0.5 * (stated[1:] + stated[:-1])[both], driven[both]
     size = np.maximum(np.linalg.norm(between, axis=1), np.linalg.norm(driven, axis=1))
