@@ -12,9 +12,10 @@ import pytest
 from prepared_scenes import SCENES
 from town_scenes import BARE, box
 
-from datafactory.frame.deal import NEIGHBOURS_M, Deal, StoredRow, dealt
+from datafactory.frame.deal import Deal, StoredRow, dealt
 from datafactory.frame.draws import drawn_scene, frame_seed, generator, parse_split_pattern, sequence_seed, split_of
 from datafactory.frame.points import PointTargets
+from datafactory.frame.remarks import NEIGHBOURS_M, remarks
 from datafactory.run.preparation import Order
 from datafactory.scenes.boxes import Movers
 from datafactory.scenes.drives import Drives
@@ -187,9 +188,9 @@ def test_asked_speeds_are_those_of_poses_and_of_drives() -> None:
 def test_tracks_of_different_splits_that_meet_are_told() -> None:
     near, far = 0.5 * NEIGHBOURS_M, 2.0 * NEIGHBOURS_M
     deal = Deal(split="1:0:1", scenes=1, tracks=(track(5), track(5, near), track(5, far)), track_scenes=(0, 0, 0))
-    assert deal.remarks() == ["sequences 0 (train) and 1 (test) come within 5.0 m of each other"]
-    assert Deal(split="1:0:0", scenes=1, tracks=deal.tracks, track_scenes=(0, 0, 0)).remarks() == []
-    assert Deal(split="1:0:1", scenes=2, tracks=deal.tracks, track_scenes=(0, 1, 0)).remarks() == []
+    assert remarks(deal) == ["sequences 0 (train) and 1 (test) come within 5.0 m of each other"]
+    assert remarks(Deal(split="1:0:0", scenes=1, tracks=deal.tracks, track_scenes=(0, 0, 0))) == []
+    assert remarks(Deal(split="1:0:1", scenes=2, tracks=deal.tracks, track_scenes=(0, 1, 0))) == []
 
 
 def test_drawn_drives_that_are_slow_or_alike_are_said() -> None:
@@ -200,25 +201,25 @@ def test_drawn_drives_that_are_slow_or_alike_are_said() -> None:
     deal = Deal(split="1:0:0", scenes=1, tracks=tracks, track_scenes=(0, 0, 0), drives=Drives(speed_mps=10.0))
     slow = "1 of 3 drives have less than 5 of 10 m/s: their streets are short"
     alike = "1 of 3 drives go the way of an earlier one, perhaps at another time"
-    assert deal.remarks() == replace(deal, drives=Drives(), speed_mps=(10.0, 14.0)).remarks() == [slow, alike]
-    assert replace(deal, drives=Drives()).remarks() == [alike]
-    assert replace(deal, drives=None).remarks() == []
+    assert remarks(deal) == remarks(replace(deal, drives=Drives(), speed_mps=(10.0, 14.0))) == [slow, alike]
+    assert remarks(replace(deal, drives=Drives())) == [alike]
+    assert remarks(replace(deal, drives=None)) == []
 
 
 def test_poses_under_the_ground_are_said() -> None:
     low = Pose((0.0, 0.0, -0.5))
     for given in ({"poses": (low, POSES[0])}, {"tracks": ((low, POSES[0]),), "track_scenes": (0,)}):
         deal = Deal(scenes=1, traffic=(Movers(BARE),), **given)
-        assert deal.remarks([BARE]) == ["town: 1 of 2 poses are under the ground or inside something"]
+        assert remarks(deal, [BARE]) == ["town: 1 of 2 poses are under the ground or inside something"]
 
 
 def test_scenes_without_a_frame_are_said() -> None:
     traffic = tuple(Movers(Scene(name, (CAR,))) for name in "abc")
     rest = "2 of 3 scenes have no frame: b, c"
-    assert Deal(scenes=3, poses=POSES[:1], traffic=traffic).remarks() == [rest]
-    assert Deal(scenes=3, tracks=(track(5),), track_scenes=(0,), traffic=traffic).remarks() == [rest]
-    assert Deal(scenes=3, frames=1, traffic=traffic).remarks() == [rest]
-    assert Deal(scenes=3, frames=3, traffic=traffic).remarks() == []
+    assert remarks(Deal(scenes=3, poses=POSES[:1], traffic=traffic)) == [rest]
+    assert remarks(Deal(scenes=3, tracks=(track(5),), track_scenes=(0,), traffic=traffic)) == [rest]
+    assert remarks(Deal(scenes=3, frames=1, traffic=traffic)) == [rest]
+    assert remarks(Deal(scenes=3, frames=3, traffic=traffic)) == []
 
 
 CAR = box("car", (5.0, 0.0, 0.0), (9.0, 2.0, 1.5), "metal")
@@ -229,17 +230,17 @@ POSES = tuple(Pose((0.0, 0.0, 0.5), time_s=time) for time in (0.0, 1.9, 2.0, 7.0
 def test_poses_after_the_last_sample_are_counted() -> None:
     driven = SceneObject("driven", CAR.vertices, CAR.triangles, "metal", motion=TRACK).as_it_moves()
 
-    def remarks(car: SceneObject, poses: tuple[Pose, ...] = POSES) -> list[str]:
-        return Deal(scenes=1, poses=poses, traffic=(Movers(Scene("street", (CAR, car))),)).remarks()
+    def said(car: SceneObject, poses: tuple[Pose, ...] = POSES) -> list[str]:
+        return remarks(Deal(scenes=1, poses=poses, traffic=(Movers(Scene("street", (CAR, car))),)))
 
-    assert remarks(driven) == ["street: 2 of 4 poses are not before 2 s, from when on what has samples rests"]
-    assert remarks(driven, POSES[:2]) == []
+    assert said(driven) == ["street: 2 of 4 poses are not before 2 s, from when on what has samples rests"]
+    assert said(driven, POSES[:2]) == []
     before = replace(POSES[0], time_s=-1.0)
-    assert remarks(driven, (before, POSES[0])) == [
+    assert said(driven, (before, POSES[0])) == [
         "street: 1 of 2 poses are before 0 s, until when what has samples rests"
     ]
     # A pose of another scene's frame is none of this one's.
     two = Movers(Scene("street", (CAR, driven))), Movers(Scene("yard", (CAR,)))
-    assert Deal(scenes=2, poses=(POSES[0], POSES[3]), traffic=two).remarks() == []
+    assert remarks(Deal(scenes=2, poses=(POSES[0], POSES[3]), traffic=two)) == []
     # What goes straight on never ends.
-    assert remarks(replace(CAR, velocity=(1.0, 0.0, 0.0))) == []
+    assert said(replace(CAR, velocity=(1.0, 0.0, 0.0))) == []

@@ -15,6 +15,7 @@ from town_scenes import SLOPE, block, two_blocks
 from datafactory.api.asking import load_scene, order_of
 from datafactory.api.options import OrderOptions
 from datafactory.frame.deal import Deal, dealt
+from datafactory.frame.remarks import remarks
 from datafactory.run.preparation import prepare
 from datafactory.scenes.boxes import Movers
 from datafactory.scenes.ground import free_ground, sensor_ground
@@ -178,7 +179,7 @@ def test_drawn_frames_are_of_times_at_which_the_scene_s_own_traffic_moves() -> N
     assert len(set(times)) == 16
     assert 0.0 <= min(times) < 12.0 < max(times) < 24.0
     late = Deal(scenes=1, poses=(Pose((0.0, 0.0, 9.0), time_s=30.0),), traffic=(Movers(scene),))
-    assert late.remarks() == ["two_blocks: 1 of 1 poses are not before 24 s, from when on what has samples rests"]
+    assert remarks(late) == ["two_blocks: 1 of 1 poses are not before 24 s, from when on what has samples rests"]
 
 
 def test_drawn_frames_see_what_goes_straight_on_before_it_has_left_the_scene() -> None:

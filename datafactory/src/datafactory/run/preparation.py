@@ -18,6 +18,7 @@ from datafactory.effects.catalogue import ALL, NO_CHOICE, PATH_EFFECTS, EffectSe
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.deal import PreparedScene, StoredRow, Wanted, dealt
 from datafactory.frame.points import PointTargets, rayleigh_length
+from datafactory.frame.remarks import remarks
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.storage import paths_schema, read_places
 from datafactory.run.portions import Job
@@ -206,7 +207,7 @@ def prepare(order: Order, table: MaterialTable, announce: Announce = silent) -> 
     if opened and (said := table.unmatched(sorted({item.material for scene in opened for item in scene.objects}))):
         announce(said)
     deal = dealt(order, opened)
-    for said in deal.remarks(opened):
+    for said in remarks(deal, opened):
         announce(said)
     plans = plan_shards((PATHS,) * len(deal) if order.paths_alone else deal.splits())
     traced, of_scenes = order.traced, order.of_scenes
