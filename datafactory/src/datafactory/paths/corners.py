@@ -187,6 +187,7 @@ def _edges_of_body(body: Body) -> CornerEdges:
     pair, into, origin = pair[lead], into[lead], origin[pair[lead]]
     normal = unit(into[:, ::-1] - dots(into[:, 0], into[:, 1])[:, None, None] * into)
     contact, direction = faces.contact[pair], unit(np.cross(into[:, 0], into[:, 1]))
+    velocity, further = (_carried(body, contact[:, 0], point) for point in (origin, origin + direction))
     return CornerEdges(
         origin=origin,
         direction=direction,
@@ -195,8 +196,8 @@ def _edges_of_body(body: Body) -> CornerEdges:
         face=faces.pairs[pair],
         face_mesh=body.mesh[contact],
         object_index=body.owner[contact[:, 0]],
-        velocity=_carried(body, contact[:, 0], origin),
-        turn=_carried(body, contact[:, 0], origin + direction) - _carried(body, contact[:, 0], origin),
+        velocity=velocity,
+        turn=further - velocity,
         shift=np.zeros((len(lead), 3)),
         strips=pieces,
         corner_of_strip=corner_of_strip,

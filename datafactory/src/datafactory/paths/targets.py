@@ -101,6 +101,10 @@ def _round_trips(view: View, rays: EdgeRays, targets: EchoPoints, limit: int) ->
     """Every way out with every way back of each target, over its strongest edges, and the number of weaker ones.
 
     A way is that to the wavefront's centre as the array sees it, and the rest beyond.
+
+    :param rays: clear ones, target by target
+    :param targets: [T] echo points, which the rays number
+    :param limit: edges of a target
     """
     edges, polarization = view.edges, view.settings.polarization
     fields = {
@@ -183,6 +187,7 @@ class TargetEchoes:
         of_sight = self._view.wavelength_m**2 * np.maximum(whole, self._nominal) / (4.0 * np.pi) ** 3
         power = MIRRORED_MORE * of_sight / np.maximum(lengths(self._away), NEAREST_M) ** 4
         followed = np.where(self._heard, power, 0.0)
+        # A way over mirrors may arrive where the gain is largest, wherever the target stands: a bound is of boresight.
         ahead = np.outer(lengths(self._away), (1.0, 0.0, 0.0))
         return Candidates.joined([itself, Candidates.of(TARGET_MIRRORED, ahead, followed)])
 
