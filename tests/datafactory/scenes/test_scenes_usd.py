@@ -94,10 +94,17 @@ def test_material_subsets_split_a_mesh_and_leave_the_rest(tmp_path: Path) -> Non
         uniform token familyName = "materialBind"
         int[] indices = [1, 5]
         rel material:binding = </glass>
+        custom string radar:class = "window"
+        custom double3 radar:velocity = (1, 0, 0)
       }}
     }}"""
-    objects = read(tmp_path, body).objects
+    scene = read(tmp_path, body)
+    objects = scene.objects
     assert [(item.name, item.material) for item in objects] == [("/m/pane", "glass"), ("/m", "steel")]
+    assert [item.velocity[0] for item in objects] == [1.0, 0.0]
+    assert [line for line in scene.warnings if "radar:" in line] == [
+        "1 attributes radar:class ignored: a mesh may state it, a subset of its faces not"
+    ]
     assert [area(item) for item in objects] == pytest.approx([8.0, 16.0])
 
 

@@ -109,6 +109,8 @@ def label_of(prim: Usd.Prim, frame: Frame, transforms: Transforms, straight: boo
 
 OF_PRIMS = ("class", "material", "rcs_dbsm", "target", "targets_by_name", "velocity")
 """What any prim may state in the namespace ``radar:``."""
+OF_SUBSETS = ("material", "velocity")
+"""What of it a subset of a mesh's faces may state for itself."""
 OF_MODELS = (*SIZES, *OPTIONS)
 """What a prim may state there that is the model of a target."""
 
@@ -127,6 +129,8 @@ def note_unread(prim: Usd.Prim, kind: str | None, notes: Notes) -> None:
             notes.count(f"# attributes radar:{name} ignored: there is no such name{near}")
         elif name in OF_MODELS and kind is None:
             notes.count(f"# attributes radar:{name} ignored: their prim is no radar:target that has a model")
+        elif name not in OF_SUBSETS and prim.IsA(UsdGeom.Subset):
+            notes.count(f"# attributes radar:{name} ignored: a mesh may state it, a subset of its faces not")
 
 
 def target_kind(path: Path, prim: Usd.Prim, time: Usd.TimeCode, by_name: bool) -> str | None:
