@@ -27,6 +27,8 @@ from datafactory.scenes.poses import Pose
 from shared.physics.compiled import compiled
 from shared.physics.vectors import Index, Mask, Real
 
+ALIGNMENT = 64
+"""Of Dr.Jit's own arrays [bytes]."""
 MARGIN_M, MARGIN_SHARE = 1e-4, 2e-5
 """Error of a ray's float32 distance [m], nearby and as a share of the distance."""
 
@@ -141,7 +143,7 @@ def first_hits(mi_scene: Any, start: Real, direction: Real, reach: Real, normals
     import drjit as dr
     import mitsuba as mi
 
-    ray = _rays(start.T.astype(np.float32), direction.T.astype(np.float32), reach.astype(np.float32))
+    ray = _rays(start.T, direction.T, reach)
     met = mi_scene.ray_intersect(ray) if normals else mi_scene.ray_intersect_preliminary(ray)
     valid, shape = met.is_valid(), mi.UInt32(dr.reinterpret_array(mi.UInt32, met.shape))
     dr.eval(valid, shape, met.prim_index, met.t, *(met.n if normals else ()))
@@ -172,13 +174,29 @@ def ray_margin_m(distance_m):
     return MARGIN_M + MARGIN_SHARE * distance_m
 
 
-def _rays(start: NDArray[np.float32], direction: NDArray[np.float32], reach: NDArray[np.float32]) -> Any:
+def _rays(start: NDArray[np.floating], direction: NDArray[np.floating], reach: NDArray[np.floating]) -> Any:
     """Mitsuba's rays from ``start`` [3, K] along ``direction`` [3, K], no longer than ``reach`` [K]."""
     import mitsuba as mi
 
-    ray: Any = mi.Ray3f(mi.Point3f(*start), mi.Vector3f(*direction))
-    ray.maxt = reach
+    ray: Any = mi.Ray3f(mi.Point3f(*aligned(start)), mi.Vector3f(*aligned(direction)))
+    (ray.maxt,) = aligned(reach[None])
     return ray
+
+
+def aligned(values: NDArray[np.floating]) -> NDArray[np.float32]:
+    """[n, K] numbers as float32, each row of which begins at a multiple of ``ALIGNMENT`` bytes.
+
+    Dr.Jit works on NumPy's memory where it lies, and has a kernel of its own for every choice of rows that do not begin
+    there: of a ray's seven there could be 128, each compiled when it is first met.
+    """
+    count = values.shape[1]
+    numbers = ALIGNMENT // np.dtype(np.float32).itemsize
+    padded = -(-count // numbers) * numbers
+    memory = np.empty(len(values) * padded + numbers, dtype=np.float32)
+    first = -memory.ctypes.data % ALIGNMENT // memory.itemsize
+    rows = memory[first : first + len(values) * padded].reshape(len(values), padded)[:, :count]
+    rows[...] = values
+    return rows
 
 
 @compiled()
