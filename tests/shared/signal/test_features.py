@@ -253,7 +253,7 @@ def test_the_velocity_comes_back_from_detections_among_movers(speed: float) -> N
         (found.forward_mps, found.left_mps), (truth.forward_mps, truth.left_mps), found.std_mps, strict=True
     ):
         assert abs(value - expected) < 4.0 * std + 0.01
-        assert std < 0.5 * STEP
+        assert 0.0 < std < 0.5 * STEP
 
 
 def test_what_shares_a_doppler_cell_errs_together() -> None:
@@ -278,6 +278,20 @@ def test_too_few_that_agree_are_no_estimate() -> None:
     assert estimated_motion(u, velocity, WHOLE, 0) is None
     assert estimated_motion(u[:8], world(EgoMotion(6.0, 0.0), u[:8]), WHOLE, 0) is None
     assert estimated_motion(np.empty(0), np.empty(0), WHOLE, 0) is None
+
+
+@pytest.mark.parametrize("chirps", [8, 16, 32])
+def test_velocities_that_agree_by_chance_are_no_estimate(chirps: int) -> None:
+    """With few Doppler cells, a third of drawn velocities agree with one of thousands of proposals."""
+    waveform = WHOLE.waveform.model_copy(update={"chirps": chirps})
+    radar = WHOLE.model_copy(update={"waveform": waveform})
+    period, step = velocity_period_mps(radar), waveform.velocity_step_mps
+    for count in (12, 20, 40, 100):
+        for seed in range(10):
+            generator = np.random.default_rng(seed)
+            u = generator.uniform(-0.8, 0.8, count)
+            velocity = step * np.rint(generator.uniform(-0.5, 0.5, count) * period / step)
+            assert estimated_motion(u, velocity, radar, seed) is None
 
 
 @pytest.mark.parametrize("speed", [0.0, 6.0, 20.0])

@@ -19,7 +19,7 @@ from tiny_run import make_run, run_of
 from typer.testing import CliRunner
 
 from shared.physics.errors import InputError
-from shared.radar import Radar
+from shared.radar import Radar, load_radar
 from shared.signal import if_signal
 from shared.signal.ego_motion import EgoMotion, StaticWorld
 from shared.signal.imaging import steering_weights
@@ -280,6 +280,20 @@ def test_the_command_goes_before_the_file_and_the_file_before_the_frame(tmp_path
         side.write_text(text)
         with pytest.raises(InputError, match=problem):
             motion()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_cells_of_few_echoes_are_no_static_world(seed: int) -> None:
+    """Two that move and two that stand show in dozens of cells, which agree with a car that slides sideways."""
+    radar = load_radar("iwr1843")
+    u, range_m, rate = np.array([0.34, -0.57, 0.09, 0.64]), np.array([8.0, 12.0, 15.5, 20.0]), [1.5, -2.0, 0.0, 0.0]
+    along = np.stack([np.sqrt(1.0 - u**2), u, np.zeros(4)], axis=1)
+    places, velocities = range_m[:, None] * along, np.array(rate)[:, None] * along
+    cube = if_signal(radar, places, velocities, np.full(4, 1e-5 + 0j))
+    seen = Predictor.load("das", radar).cube(noisy(cube[None], radar, np.random.default_rng(seed))[0])
+    assert seen.points is not None
+    assert len(seen.points.range_m) >= 4
+    assert seen.measurement.motion is None
 
 
 @pytest.mark.parametrize("model", ["das", "sparse6"])

@@ -31,6 +31,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float64
+from scipy.special import bdtrc
 
 from shared.physics.units import db_to_power
 from shared.radar import Radar
@@ -163,6 +164,8 @@ AGREEING_CELLS = 1.0
 """A detection agrees with a velocity within that of its Doppler."""
 LEAST_AGREEING, LEAST_SHARE = 12, 0.3
 """Fewer, or a smaller share of the detections, are no static world."""
+MOST_BY_CHANCE = 1e-3
+"""Of proposals with which as many agree although every velocity is drawn: with few Doppler cells there are some."""
 
 
 def estimated_motion(
@@ -170,12 +173,16 @@ def estimated_motion(
 ) -> EgoMotion | None:
     """The velocity that most detections agree with as a static world, and its standard deviation; None if too few do.
 
+    A detection is an echo of its own: those of one echo agree with each other whatever the sensor does.
+
     Kellner, Barjenbruch, Klappstein, Dickmann and Dietmayer, "Instantaneous ego-motion estimation using Doppler radar",
     ITSC 2013: two detections propose (v_x, v_y), all others vote, least squares over those that agree ends it. Here a
     pair proposes a velocity for every fold of its two Doppler values, below :data:`FASTEST_MPS`, and of proposals of
-    equal votes the slowest is taken. The standard deviation is that of least squares with as many detections as there
-    are Doppler cells: those of one err together, by the rounding to its centre. It does not hold what heights do: in a
-    street the estimate was 0.5 to 1.4 % slow (docs/notes/ego-motion.md).
+    equal votes the slowest is taken. Beside its pair, each of n - 2 others agrees with a wrong one by chance p = 2
+    :data:`AGREEING_CELLS` / cells of the axis; the number of proposals times the binomial tail is at most
+    :data:`MOST_BY_CHANCE`. The standard deviation is that of least squares with as many detections as there are Doppler
+    cells: those of one err together, by the rounding to its centre. It does not hold what heights do: in a street the
+    estimate was 0.5 to 1.4 % slow (docs/notes/ego-motion.md).
 
     :param seed: of the frame
     """
@@ -186,13 +193,14 @@ def estimated_motion(
     near = AGREEING_CELLS * waveform.velocity_step_mps
     most = int(FASTEST_MPS / period + 0.5)
     folds = period * np.stack(np.meshgrid(*2 * [np.arange(-most, most + 1)]), axis=-1).reshape(-1, 2)
-    generator, best = np.random.default_rng(seed), (0, 0.0, np.zeros(2))
+    generator, best, proposals = np.random.default_rng(seed), (0, 0.0, np.zeros(2)), 0
     for pair in generator.integers(len(u), size=(TRIALS, 2)):
         if abs(u[pair[0]] - u[pair[1]]) < APART:
             continue
         proposed = np.linalg.solve(rows[pair], (velocity_mps[pair] + folds).T).T
         speed = np.hypot(*proposed.T)
         proposed, speed = proposed[speed <= FASTEST_MPS], speed[speed <= FASTEST_MPS]
+        proposals += len(proposed)
         votes = (np.abs(folded(velocity_mps - proposed @ rows.T, period)) <= near).sum(axis=1)
         for count, slow, velocity in zip(votes.tolist(), (-speed).tolist(), proposed, strict=True):
             best = max(best, (count, slow, velocity), key=lambda one: one[:2])
@@ -200,7 +208,9 @@ def estimated_motion(
     for _ in range(3):
         away = folded(velocity_mps - rows @ velocity, period)
         agreeing = np.abs(away) <= near
-        if agreeing.sum() < max(LEAST_AGREEING, LEAST_SHARE * len(u)):
+        count = int(agreeing.sum())
+        by_chance = proposals * bdtrc(count - 3, len(u) - 2, min(2.0 * near / period, 1.0))
+        if count < max(LEAST_AGREEING, LEAST_SHARE * len(u)) or by_chance > MOST_BY_CHANCE:
             return None
         chosen = rows[agreeing]
         information = chosen.T @ chosen
@@ -210,4 +220,7 @@ def estimated_motion(
     left = folded(velocity_mps - rows @ velocity, period)[agreeing]
     cells = np.unique(np.rint(velocity_mps[agreeing] / waveform.velocity_step_mps))
     variance = float(np.sum(left**2)) / (len(left) - 2) * np.diag(np.linalg.inv(information)) * len(left) / len(cells)
+    # Of a sensor at rest all stand in the middle of one cell, and could be anywhere in it.
+    rounding = waveform.velocity_step_mps**2 / 12.0 / len(cells) / np.abs(chosen).max(axis=0) ** 2
+    variance = np.maximum(variance, rounding)
     return EgoMotion(float(velocity[0]), float(velocity[1]), tuple(np.sqrt(variance).tolist()))

@@ -15,7 +15,7 @@ from shared.physics.errors import InputError
 from shared.physics.units import db_to_power
 from shared.radar import Radar
 from shared.signal.adaptive import scanned_angles
-from shared.signal.ego_motion import EgoMotion, StaticWorld, estimated_motion
+from shared.signal.ego_motion import EgoMotion, StaticWorld, estimated_motion, folded, velocity_period_mps
 from shared.signal.model_error import NO_MODEL_ERROR_DB, row_noise
 from shared.signal.tdm import averaged
 from trainer.data.arrays import ArrayChoice
@@ -32,6 +32,8 @@ CLEAR_DB = 20.0
 """Of a cell's strongest angle over the noise there: its angle is then right to a tenth of a resolution cell."""
 MOST_DETECTIONS = 400
 """The strongest, relative to the noise, that are asked for the velocity."""
+NEAR_BINS, NEAR_CELLS = 2, 2.5
+"""Range bins and Doppler cells that an echo's response reaches, with Hann windows over both."""
 
 Images = tuple[NDArray[np.floating], NDArray[np.float32] | None]
 """([B, R, U] images, [B, R, U] probability of a target or None)."""
@@ -122,18 +124,27 @@ class Answer(ABC):
         """The sensor's motion as these channels see it in the frame, which seeds what is drawn: the velocity that its
         cells agree on, see :func:`shared.signal.ego_motion.estimated_motion`.
 
-        Each cell stands for one detection, at the strongest angle of delay-and-sum.
+        Each echo stands for one detection, at the strongest angle of delay-and-sum, in the strongest of its cells.
         """
         seen, line, noise_power = measurement.cells, self.line, measurement.noise_power
-        cells = np.asarray(seen.range_channel[seen.new][:, self.channels], dtype=np.complex128)
+        new = seen.new
+        cells = np.asarray(seen.range_channel[new][:, self.channels], dtype=np.complex128)
         axis = uniform_axis(line, POINTS_PER_CELL)
         magnitude = np.abs(cells @ line.manifold(axis).conj()) / line.channels
         level = magnitude.max(axis=1)
         clear = np.flatnonzero(level > np.sqrt(db_to_power(CLEAR_DB) * noise_power / line.channels))
         strongest = clear[np.argsort(-level[clear], kind="stable")[:MOST_DETECTIONS]]
-        velocity_mps = np.asarray(seen.velocity[seen.new], dtype=np.float64)[strongest]
-        u = axis[magnitude[strongest].argmax(axis=1)]
-        return estimated_motion(u, velocity_mps, self.radar, measurement.frame_id)
+        velocity_mps = np.asarray(seen.velocity[new], dtype=np.float64)[strongest]
+        u, range_bin = axis[magnitude[strongest].argmax(axis=1)], np.nonzero(new)[1][strongest]
+        # An echo shows in several bins and cells alike, which are no more evidence than one.
+        away_mps = folded(velocity_mps[:, None] - velocity_mps, velocity_period_mps(self.radar))
+        alike = (
+            (np.abs(range_bin[:, None] - range_bin) <= NEAR_BINS)
+            & (np.abs(away_mps) <= NEAR_CELLS * self.radar.waveform.velocity_step_mps)
+            & (np.abs(u[:, None] - u) <= line.resolution_cell)
+        )
+        echo = ~np.tril(alike, -1).any(axis=1)  # nothing like it is stronger
+        return estimated_motion(u[echo], velocity_mps[echo], self.radar, measurement.frame_id)
 
     def image(self, range_channel: NDArray[np.complexfloating], noise_power: float) -> NDArray[np.float64]:
         """[R, U] of one matrix [R, C]."""
