@@ -61,11 +61,14 @@ class Bench:
         calibration, out_file = self.folder / "c.toml", self.folder / out
         return import_capture(capture=source, out=out_file, calibration=calibration, **self.read)
 
-    def measure(self, name: str, range_m: float, angle_deg: float, noise: float, dead: tuple[int, ...] = ()) -> Place:
+    def measure(
+        self, name: str, range_m: float, angle_deg: float, noise: float, dead: tuple[int, ...] = (),
+        speed_mps: float = 0.0,
+    ) -> Place:  # fmt: skip
         """A reflector of amplitude 1 with noise of this amplitude in each sample, and where it was said to stand."""
         waveform, angle = self.radar.waveform, np.deg2rad(angle_deg)
         place = range_m * np.array([[np.cos(angle), np.sin(angle), 0.0]])
-        cube = if_signal(self.radar, place, np.zeros((1, 3)), np.array([np.exp(0.7j)]))
+        cube = if_signal(self.radar, place, speed_mps / range_m * place, np.array([np.exp(0.7j)]))
         offset = waveform.bandwidth_hz * (np.arange(waveform.samples) / waveform.samples - 0.5)
         error = 10.0 ** (self.gain_db / 20.0) * np.exp(1j * np.deg2rad(self.phase_deg))
         cube = cube * error * np.exp(2j * np.pi * offset[:, None] * self.delay_s)
@@ -234,3 +237,26 @@ def test_no_reflector_there_is_one_line(bench: Bench) -> None:
     with pytest.raises(InputError, match=r"no reflector within .* m of 7.5 m"):
         bench.calibrate([Place(place.source, 7.5, 10.0)])
     assert not (bench.folder / "c.toml").exists()
+
+
+@pytest.mark.parametrize("bins", [-8, -6, -4.5, 4.5, 6, 8])
+def test_a_sidelobe_is_no_reflector(bench: Bench, bins: float) -> None:
+    """Stated beside where it stands, without noise: sidelobes are all that is there."""
+    place = bench.measure("a.npy", 4.0, 10.0, 1e-6)
+    stated = 4.0 + bins * bench.radar.waveform.range_step_m
+    with pytest.raises(InputError, match=r"no reflector within .* \(the strongest echo .* at (3\.[89]|4\.[01]).* m\)"):
+        bench.calibrate([Place(place.source, stated, 10.0)])
+
+
+@pytest.mark.parametrize(("cells", "moves"), [(0.0, False), (2.5, True)])
+def test_what_moves_in_the_reflector_s_range_bin_is_told(bench: Bench, cells: float, moves: bool) -> None:
+    said: list[str] = []
+    place = bench.measure("a.npy", 4.0, 10.0, 0.05, speed_mps=cells * bench.radar.waveform.velocity_step_mps)
+    bench.calibrate([place], announce=said.append)
+    assert any("something moves at" in line for line in said) == moves
+
+
+def test_a_channel_far_behind_the_others_is_named(bench: Bench) -> None:
+    bench.delay_s[3] = 0.9 / bench.radar.waveform.bandwidth_hz
+    with pytest.raises(InputError, match=r"a\.npy: channels 3 stand 0\.6 range bins or more off .* expected delays"):
+        bench.calibrate([bench.measure("a.npy", 4.0, 10.0, 0.01)])

@@ -47,7 +47,11 @@ SEARCH_BINS = 3.0
 SEARCHED = np.arange(-SEARCH_BINS, SEARCH_BINS + 0.05, 0.1)
 """The range bins, from the stated one, at which it is looked for first."""
 CLEAR_DB = 15.0
-"""A reflector stands that much above the median of the range profile."""
+"""A reflector stands that much above the median of the range profile, ..."""
+SIDELOBE_MARGIN_DB = 10.0
+"""... and that much above the sidelobes of every other echo."""
+MOVES_DB = -10.0
+"""An echo that moves, of the reflector's power in its range bin: the chirps' mean is then no echo that stands still."""
 DELAY_BINS, FINE_BINS = 0.6, 0.02
 """Channels differ by less than the first in delay; a parabola through points the second apart errs by 1e-5 bins."""
 FARTHEST_M = 1e5
@@ -118,12 +122,15 @@ def calibrate(asked: CalibrateOptions) -> Calibration:
     if asked.check is not None and asked.check_range is not None and asked.check_angle is not None:
         check = Place(asked.check, asked.check_range, asked.check_angle)
     require_new_file(out, ".toml")
-    captures = [_average(read_capture(place.source, asked)) for place in places]
-    for capture, place in zip(captures, places, strict=True):
-        if capture.radar != captures[0].radar:
+    captures, lines = list[RawCapture](), list[str]()
+    for place in places:
+        read = read_capture(place.source, asked)
+        lines += _moving(read, place)
+        captures.append(_average(read))
+        if captures[-1].radar != captures[0].radar:
             raise InputError(place.source, "other chirps than the first capture", "the same")
     calibration = _fit(captures, places, board)
-    lines = [
+    lines += [
         f"{place.source}: leaves {residual(capture, place, calibration).stated_db:.1f} dB (it was fitted to it)"
         for capture, place in zip(captures, places, strict=True)
     ]
@@ -155,6 +162,25 @@ def _average(capture: RawCapture) -> RawCapture:
     return replace(capture, cube=mean.astype(np.complex64))
 
 
+def _moving(capture: RawCapture, place: Place) -> list[str]:
+    """A line that warns of what moves in the reflector's range bin."""
+    waveform = capture.radar.waveform
+    if not waveform.tells_velocity:
+        return []
+    chirp = _demodulated(_average(capture), place)
+    at = SEARCHED[np.mean(np.abs(_spectrum(chirp, SEARCHED)) ** 2, axis=1).argmax()]
+    weights = _tone(len(chirp), np.array([at]))[0, :, None] * _echo(capture.radar, place).conj()
+    chirps = np.einsum("fmnc,nc->fmc", capture.cube, weights) * unit_hann(waveform.chirps)[:, None]
+    power = np.mean(np.abs(np.fft.fft(chirps, axis=1)) ** 2, axis=(0, 2))
+    cell = 2 + int(power[2:-1].argmax())  # beside the main lobe of what stands still
+    level = float(power_to_db(power[cell] / max(float(power[0]), np.finfo(np.float64).tiny)))
+    if level < MOVES_DB:
+        return []
+    speed = min(cell, waveform.chirps - cell) * waveform.velocity_step_mps
+    there = f"at {place.range_m:g} m something moves at {speed:.2f} m/s or faster"
+    return [f"warning: {place.source}: {there}, {level:+.0f} dB beside what stands still"]
+
+
 def _fit(captures: Sequence[RawCapture], places: Sequence[Place], board: str) -> Calibration:
     responses = list(map(_response, captures, places))
     radar = captures[0].radar
@@ -162,6 +188,11 @@ def _fit(captures: Sequence[RawCapture], places: Sequence[Place], board: str) ->
     alive = np.setdiff1d(np.arange(radar.array.channels), dead)
     if not len(alive):
         raise InputError(places[0].source, "no channel with an echo of the reflector", "one at least")
+    far = [str(channel) for channel in alive if any(np.isnan(at[channel]) for _, at in responses)]
+    if far:
+        problem = f"channels {', '.join(far)} stand {DELAY_BINS:g} range bins or more off what they have in common"
+        most_ps = 1e12 * DELAY_BINS / radar.waveform.bandwidth_hz
+        raise InputError(places[0].source, problem, f"delays within {most_ps:.0f} ps, by a narrower sweep say")
     factors = np.array([factor[alive] for factor, _ in responses])
     channel = np.ones(radar.array.channels, np.complex128)
     channel[alive] = np.linalg.svd(factors, full_matrices=False)[2][0]
@@ -192,8 +223,12 @@ def _dead(captures: Sequence[RawCapture], factors: Sequence[NDArray[np.complex12
 
 def _demodulated(capture: RawCapture, place: Place) -> NDArray[np.complex128]:
     """[sample, C] the averaged chirp times the conjugate of the reflector's echo."""
-    echo = if_signal_of_delays(capture.radar.of_one_chirp, _delays(capture.radar, place.position))[0]
-    return np.asarray(capture.cube[0, 0] * echo.conj())
+    return np.asarray(capture.cube[0, 0] * _echo(capture.radar, place).conj())
+
+
+def _echo(radar: Radar, place: Place) -> NDArray[np.complex128]:
+    """[sample, C] of the reflector in one chirp."""
+    return np.asarray(if_signal_of_delays(radar.of_one_chirp, _delays(radar, place.position))[0])
 
 
 def _delays(radar: Radar, position: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -203,22 +238,37 @@ def _delays(radar: Radar, position: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _spectrum(chirp: NDArray[np.complex128], bins: NDArray[np.float64]) -> NDArray[np.complex128]:
     """[nu, C] F_c at ``bins`` [nu]."""
-    samples = len(chirp)
+    return np.asarray(_tone(len(chirp), bins) @ chirp)
+
+
+def _tone(samples: int, bins: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """[nu, sample] what the samples are multiplied by for F_c at ``bins`` [nu]."""
     turn = np.exp(-2j * np.pi * bins[:, None] * (np.arange(samples) / samples - 0.5))
-    return np.asarray((turn * unit_hann(samples)) @ chirp)
+    return np.asarray(turn * unit_hann(samples))
+
+
+def _sidelobe_db(bins: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Envelope of the Hann window's spectrum, 1 / (pi d (d^2 - 1)) at d bins from its middle; 0 dB in the main lobe."""
+    away = np.maximum(np.abs(bins), 2.0)
+    return np.where(np.abs(bins) < 2.0, 0.0, -amplitude_to_db(np.pi * away * (away**2 - 1.0)))
 
 
 def _response(capture: RawCapture, place: Place) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    """([C] F_c of the channels at its best nu, [C] those nu in range bins)."""
+    """([C] F_c of the channels at its best nu, [C] those nu in range bins; NaN at the ends of the search)."""
     chirp = _demodulated(capture, place)
     power = np.mean(np.abs(_spectrum(chirp, SEARCHED)) ** 2, axis=1)
     peak = int(power.argmax())
     profile = np.mean(np.abs(np.fft.fft(unit_hann(len(chirp))[:, None] * chirp, axis=0)) ** 2, axis=1)
     level = float(power_to_db(power[peak] / max(float(np.median(profile)), np.finfo(np.float64).tiny)))
-    step = capture.radar.waveform.range_step_m
-    if peak in (0, len(SEARCHED) - 1) or level < CLEAR_DB:
-        problem = f"no reflector within {SEARCH_BINS * step:.2g} m of {place.range_m:g} m ({level:.0f} dB there)"
-        raise InputError(place.source, problem, f"one {CLEAR_DB:g} dB above the median of the range profile")
+    step, bins = capture.radar.waveform.range_step_m, np.fft.fftfreq(len(chirp), 1.0 / len(chirp))
+    strongest, away = bins[profile.argmax()], bins - SEARCHED[peak]
+    sidelobes = (power_to_db(profile) + _sidelobe_db(away) + SIDELOBE_MARGIN_DB)[np.abs(away) > 2.0]
+    hidden = bool((sidelobes > float(power_to_db(power[peak]))).any())
+    if peak in (0, len(SEARCHED) - 1) or level < CLEAR_DB or hidden:
+        problem = f"no reflector within {SEARCH_BINS * step:.2g} m of {place.range_m:g} m"
+        told = f"the strongest echo of the capture stands at {place.range_m + strongest * step:.2f} m"
+        expected = f"one {CLEAR_DB:g} dB above the median of the range profile and clear of others' sidelobes"
+        raise InputError(place.source, f"{problem} ({told})", expected)
     fine = SEARCHED[peak] + np.arange(-DELAY_BINS, DELAY_BINS + 0.5 * FINE_BINS, FINE_BINS)
     values = np.abs(_spectrum(chirp, fine)) ** 2
     at = np.clip(values.argmax(axis=0), 1, len(fine) - 2)
@@ -227,9 +277,8 @@ def _response(capture: RawCapture, place: Place) -> tuple[NDArray[np.complex128]
     curvature = below - 2.0 * here + above
     moved = np.divide(0.5 * (below - above), curvature, out=np.zeros_like(here), where=curvature < 0.0)
     bins = fine[at] + FINE_BINS * np.clip(moved, -1.0, 1.0)
-    samples = len(chirp)
-    turn = np.exp(-2j * np.pi * (np.arange(samples) / samples - 0.5)[:, None] * bins)
-    return np.asarray(np.sum(unit_hann(samples)[:, None] * turn * chirp, axis=0)), bins
+    inside = (values.argmax(axis=0) > 0) & (values.argmax(axis=0) < len(fine) - 1)
+    return np.asarray(np.sum(_tone(len(chirp), bins).T * chirp, axis=0)), np.where(inside, bins, np.nan)
 
 
 def residual(capture: RawCapture, place: Place, calibration: Calibration) -> Left:
