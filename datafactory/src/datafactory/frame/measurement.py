@@ -14,10 +14,10 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
 
 from datafactory.frame.draws import generator
 from datafactory.frame.points import target_list
+from datafactory.frame.truth_cells import listed_cells
 from datafactory.paths.candidates import TARGET_SEEN, Candidates
 from datafactory.paths.table import PathTable
 from datafactory.scenes.boxes import SeenThing
@@ -26,7 +26,7 @@ from datafactory.synthesis.cube import ON_CPU, Kernels
 from datafactory.synthesis.motion import Recording
 from datafactory.synthesis.sorting import sorted_paths
 from shared.dataset import Box, Frame, Target
-from shared.physics.units import amplitude_to_db, db_to_amplitude
+from shared.physics.units import amplitude_to_db
 from shared.physics.vectors import Real
 from shared.processes.defaults import TRUTH_WINDOW
 from shared.radar import Radar
@@ -36,8 +36,6 @@ from shared.signal.spectrum import range_doppler, select_doppler, unfold
 from shared.signal.windows import angle_window, power_in_cell
 
 MAXIMUM_TARGETS = 256
-CELL_SPAN_DB = 60.0
-"""Truth cells further below the image's peak than this are not listed where no noise sets the limit."""
 
 Value = TypeVar("Value")
 
@@ -86,11 +84,13 @@ class Measurement:
     :param frame: its columns, but for the image; of the targets those that are known beforehand
     :param moments: [terms, R, C] of the virtual sensor
     :param counts: what the frame adds to the manifest's counts
+    :param window: over the virtual sensor's elements, which the moments have
     """
 
     frame: Frame
     moments: NDArray[np.complex64]
     counts: Mapping[str, int]
+    window: str
 
 
 def measure(
@@ -127,7 +127,7 @@ def measure(
     if radar.front_end.converter is not None:
         counts["converter_saturated"] = recorded.saturated
     moments = moments * angle_window(processing.truth_window, moments.shape[-1]).astype(np.float32)
-    return Measurement(frame, moments, counts)
+    return Measurement(frame, moments, counts, processing.truth_window)
 
 
 def _as_it_moves(paths: PathTable, radar: Radar, processing: Processing) -> PathTable:
@@ -145,7 +145,7 @@ def image(
         frame, magnitude = measurement.frame, np.abs(picture)
         peak, targets, of_scene = float(magnitude.max()), frame.targets, frame.kind == "scene"
         if of_scene:
-            cells = _cells(magnitude, frame, radar)
+            cells = listed_cells(magnitude, frame, radar, measurement.window)
             targets = tuple(sorted((*targets, *cells), key=lambda target: -target.amplitude_db))
         counts = Counter(measurement.counts)
         counts["frames_empty"] += of_scene and not targets
@@ -175,24 +175,6 @@ def targets_beyond(candidates: Candidates, radar: Radar) -> int:
     """How many echo points of point targets, in sight or not, lie beyond the unambiguous range."""
     echo_point = (candidates.family == TARGET_SEEN) & (candidates.power > 0.0)
     return int(np.count_nonzero(echo_point & (candidates.range_m >= radar.waveform.unambiguous_range_m)))
-
-
-def detected_cells(magnitude: NDArray[np.float32], noise_power: float) -> NDArray[np.bool_]:
-    """[R, U] local maxima of a truth image [sqrt(W)] above the noise."""
-    peak = float(magnitude.max())
-    floor = max(float(np.sqrt(noise_power)), peak * float(db_to_amplitude(-CELL_SPAN_DB)))
-    return (magnitude == maximum_filter(magnitude, size=3)) & (magnitude > floor)
-
-
-def _cells(magnitude: NDArray[np.float32], frame: Frame, radar: Radar) -> list[Target]:
-    """The detected cells as targets."""
-    rows, columns = np.nonzero(detected_cells(magnitude, frame.noise_power))
-    ranges, u, velocity = radar.waveform.ranges_m, radar.grid.u, frame.velocity[0]
-    level_db = amplitude_to_db(magnitude[rows, columns])
-    return [
-        Target(float(ranges[row]), float(u[column]), float(velocity[row]), float(level))
-        for row, column, level in zip(rows, columns, level_db, strict=True)
-    ]
 
 
 def boxes_of(things: Sequence[SeenThing], paths: PathTable, radar: Radar) -> tuple[tuple[Box, ...], dict[str, int]]:
