@@ -1,10 +1,9 @@
 """``--error-budget``: prices from the cache or measured now, a choice, and the errors that the choice has as a whole.
 
-Prices belong to a scene, its materials and effects, the radar, the poses, the menu and the code; they are measured
-once. Measured are frames of the run itself, because the same scene may be harmless from one pose and full of corner
-reflectors from the next. Single prices choose; then the choice is measured whole, and where it misses the budget,
-because errors met that the squares did not foresee, the next choice aims lower by as much. After the
-run what was achieved is measured on its own frames and written beside the prediction.
+What a user sees of it: docs/accuracy.md#an-error-budget. Measured are frames of the run itself, because the same scene
+may be harmless from one pose and full of corner reflectors from the next. Single prices choose; then the choice is
+measured whole, and where it misses the budget, because errors met that the squares did not foresee, the next choice
+aims lower by as much.
 """
 
 from __future__ import annotations

@@ -1,12 +1,9 @@
 """What each setting of each knob errs by: measured once, for a price list that is read and for a budget that chooses.
 
-Signal knobs share the paths of one tracing, unpruned, and are held against a cube of 1e-11 and a truth whose Doppler
-filter and range walk are exact. Power knobs are held against many rays, or against the deepest with the same rays.
-
-The cheapest settings that keep an error budget follow from the errors of single knobs. Errors of different knobs have
-no common phase, so their squares add. Three errors are bounded, each as an amplitude: the cube's (relative L2) and the
-truth image's (largest difference over peak) on the same paths, and the amplitude in a resolution cell, sqrt(power),
-over its peak (:mod:`datafactory.accuracy.power`).
+What an error is, and what each is held against: docs/accuracy.md#what-an-error-is. Signal knobs share the paths of one
+tracing, unpruned. The cheapest settings that keep an error budget follow from the errors of single knobs. Errors of
+different knobs have no common phase, so their squares add; each is an amplitude, in a resolution cell sqrt(power)
+(:mod:`datafactory.accuracy.power`).
 
 What settings cost is not timed here but follows from fixed rates, so that every machine chooses alike.
 """

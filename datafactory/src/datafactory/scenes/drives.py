@@ -184,11 +184,9 @@ def draw_drive(
 ) -> tuple[Pose, ...]:
     """Draw one drive in a split's region.
 
-    It keeps 1.5 m from everything that moves. Where anything does, it begins at a drawn time, 0 to 10 s, so that the
-    same street is met with other traffic. Of 12 drawn ones the first is taken that has room to go as far as it would,
-    looks along its street at something, and at nothing on another split's side; else the best, in this order. Of these
-    the first six keep to the roads, where those have the room, with probability 0.8. Up to 60 are drawn as long as none
-    keeps clear of what moves.
+    What all keep to: docs/trajectories.md#drawn-drives. They begin at drawn times, so that the same street is met with
+    other traffic. Of ``DRAWN`` the first is taken that has room to go as far as it would, looks along its street at
+    something, and at nothing on another split's side; else the best, in this order.
 
     :param movers: of the ground's scene
     :param speeds: ends of the cruising speed, where ``asked`` states none

@@ -1,9 +1,8 @@
 """Where the parts of a mesh are at a time, and with which velocity: the only place that says so.
 
-Three kinds of motion are told apart by what they cost. A mesh without a motion goes straight on with one velocity, or
-rests: its vertices are those of time 0, shifted. A :class:`Track` shifts a mesh too, along a path of straight pieces. A
-:class:`Moving` mesh turns, changes its size or changes its shape: its vertices are computed anew for each time, and
-each has a velocity of its own.
+Three kinds of motion are told apart by what they cost (docs/scenes.md#motion). A mesh without a motion goes straight on
+with one velocity, or rests; with a :class:`Track` it is shifted too. A :class:`Moving` mesh is computed anew for each
+time, and each vertex has a velocity of its own.
 
 The velocity of a point that a rigid body carries is v + omega x r. It is affine in the point's place, and so it is for
 every chain of transforms: between a triangle's vertices it is the linear interpolation of theirs. Of a mesh whose

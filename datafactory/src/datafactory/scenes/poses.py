@@ -224,11 +224,9 @@ def require_ground(ground: Ground, split: Split) -> None:
 def sample_pose(ground: Ground, split: Split, rng: np.random.Generator, speeds: Speeds = DRAWN_SPEEDS) -> Pose:
     """Draw a pose on the streets of a split's region, 0.5 m above the ground and tilted as it is.
 
-    A position is drawn uniformly, on roads with probability 0.8 and else on their kerbs where there are any, and a yaw
-    uniformly. Both are taken if the boresight is free for 8 m, some ray of the field of view for 15 m, something
-    stands within 95 m in the field of view, and nothing that is seen there lies on another split's side
-    (:func:`view_from`). After 32 positions with 8 yaws each the best of them is taken. The velocity lies
-    in the ground's plane, its horizontal speed and its direction uniform.
+    Position and yaw are drawn uniformly until nothing is wrong with the view from there (:func:`view_from`), or the
+    best is taken: docs/trajectories.md#where-drawn-poses-stand. The velocity lies in the ground's plane, its horizontal
+    speed and its direction uniform.
 
     :param ground: from :func:`datafactory.scenes.ground.free_ground`
     :param split: ``"train"``, ``"validation"`` or ``"test"``

@@ -1,8 +1,6 @@
 """Streets: of a scene's free ground, what a car can drive to, where one would drive, and which split has which part.
 
-A file may name its roads. Most meshes of cities do not: there a street is free ground between two facades. Ground that
-no way leads to is left out: courtyards, the floor of a hollow building under a hole in its roof. Roads are not, where
-ledges or rails part them from the largest ground, or from each other.
+What counts as a street, whether a file names its roads or not: docs/trajectories.md#where-drawn-poses-stand.
 
 The streets are cut into three regions, one a split, across their longer side, with strips between them that no pose
 stands in. What a pose *sees* may reach over a gap, so a gap alone does not keep the splits apart: each split also has

@@ -252,12 +252,10 @@ class MaterialFile(BaseModel, frozen=True, extra="forbid", strict=True):
 
 
 def load_materials(path: Path | None = None) -> MaterialTable:
-    """The built-in table, overridden and extended by a TOML file.
+    """The built-in table, overridden and extended by a TOML file (:class:`MaterialFile`, :class:`MaterialEntry`).
 
-    ``[material.NAME]`` with relative_permittivity, conductivity [S/m], scattering_coefficient (or sigma0_db and
-    grazing_deg), thickness [m], pattern, valid_ghz, source, aliases, uses changes the fields given of a known material
-    or adds a new one; ``[map]`` gives single names of a scene a material; ``default`` is for unknown names. A new
-    material needs permittivity and conductivity; without a roughness it gets S = 0.3, noted as an assumption.
+    A table changes the fields given of a known material or adds a new one. A new material needs permittivity and
+    conductivity; without a roughness it gets S = 0.3, noted as an assumption.
 
     :raises InputError: if the file cannot be read, is no TOML, or holds an unknown field, a wrong value or an unknown
         material

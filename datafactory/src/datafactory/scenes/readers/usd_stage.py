@@ -1,9 +1,8 @@
 """A whole USD stage: its variants, missing layers, units and axes, size.
 
-Of what it refers to and cannot be opened, a material's loss is a remark, that of geometry an error. Files are often
-passed on without their materials: MaterialX needs a plugin of its own, textures are large. The radar takes from them a
-name at most. Whether something is a material's follows from the type of the prim and of those above it, from the suffix
-of the file, from a material binding that leads there, and at last from the names of its scopes.
+Of what it refers to and cannot be opened, a material's loss is a remark, that of geometry an error: how the two are told
+apart says docs/scenes.md#what-cannot-be-opened. Files are often passed on without their materials: MaterialX needs a
+plugin of its own, textures are large. The radar takes from them a name at most.
 """
 
 from __future__ import annotations

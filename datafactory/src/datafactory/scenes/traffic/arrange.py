@@ -1,8 +1,7 @@
 """Who drives, parks, walks and stands where along the stretches of road: the shipped vehicles and street furniture.
 
-Everything has a place of its own across the road (:mod:`datafactory.scenes.traffic.stretches`), and along it a distance
-from what shares that place; furniture is besides held clear of furniture. Numbers that are asked for are dealt to the
-stretches in turn. What stands is put on the ground under it, and left out where that is no plane.
+The rules: docs/populate.md#where-everything-goes. Numbers that are asked for are dealt to the stretches in turn. What
+stands is put on the ground under it, and left out where that is no plane.
 """
 
 from __future__ import annotations

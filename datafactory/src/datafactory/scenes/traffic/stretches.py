@@ -5,13 +5,9 @@ that turns is searched for edges, corners and curved surfaces anew in every fram
 and a road is a straight stretch. Candidates are points in the middle of the free ground, each with the heading in
 which a strip of a given width goes on for the longest.
 
-Across, from its middle outwards, a road has lanes, a strip to park in, a kerb and a pavement. Traffic keeps to the
-right. With y to the left of a road's heading, those who drive along it keep to y < 0. Widths are those of a street in a
-town (RASt 06): lanes of 3.5 m, 3 m where there is one; a strip of 2.1 m to park in.
-
-Along a line things follow each other, all with one speed. Who comes to its end begins again at its start, so that a
-stream looks alike at all times and nobody catches up with anybody: distances along the line are kept for ever, round
-its end too. The leap is the one thing that no vehicle does; it happens at the ends of a stretch of road.
+What a road has across, and how its traffic goes round: docs/populate.md. With y to the left of a road's heading, those
+who drive along it keep to y < 0. Widths are those of a street in a town (RASt 06): lanes of 3.5 m, 3 m where there is
+one; a strip of 2.1 m to park in. Distances along a line are kept for ever, round its end too.
 """
 
 from __future__ import annotations
