@@ -48,11 +48,6 @@ OF_SIGNAL = ("sorting", "cube", "range-Doppler")
 Cells = NDArray[np.int64]
 
 
-def _waits(step: str) -> bool:
-    """Whether a step waits for something else than this process."""
-    return step == "write" or (step == "trace" and not traces_on_the_processor())
-
-
 class Clock:
     """Seconds by stage; a step whose settings an earlier run shares is not run again.
 
@@ -70,7 +65,9 @@ class Clock:
         if key is not None and (step, key) in self.kept:
             value, seconds = self.kept[step, key]
         else:
-            now, seconds = time.perf_counter if _waits(step) else time.process_time, []
+            # Writing, and tracing on a GPU, wait for something else than this process.
+            waits = step == "write" or (step == "trace" and not traces_on_the_processor())
+            now, seconds = time.perf_counter if waits else time.process_time, []
             for _ in range(self.repeats):
                 started = now()
                 value = work()

@@ -251,15 +251,11 @@ def _film(
             )
             yield frame
 
-    return film(figure, drawn(), _pictures_a_second(frames))
+    lasts_s = frames[-1].time - frames[0].time
+    as_it_was = (len(frames) - 1) / lasts_s if lasts_s > 0.0 else SLOWEST  # pictures a second
+    return film(figure, drawn(), round(float(np.clip(as_it_was, SLOWEST, FASTEST))))
 
 
 def _truth(frame: Frame) -> NDArray[np.float32]:
     """[R, U] magnitudes of a frame's truth [sqrt(W)]."""
     return frame.image * np.float32(frame.image_peak)
-
-
-def _pictures_a_second(frames: Sequence[Frame]) -> int:
-    """As fast as it was, within what can be seen."""
-    lasts_s = frames[-1].time - frames[0].time
-    return round(float(np.clip((len(frames) - 1) / lasts_s, SLOWEST, FASTEST))) if lasts_s > 0.0 else SLOWEST

@@ -72,13 +72,6 @@ def read_mesh_file(path: Path) -> Scene:
     return scene_at_rest(path, path.stem, "mesh", plain, notes)
 
 
-def _load_as_it_is(path: Path, _: Notes) -> trimesh.Scene:
-    return trimesh.load_scene(path, process=False)
-
-
-LOADERS = {".obj": load_obj, ".ply": load_ply}
-
-
 def _material(part: trimesh.Trimesh) -> str:
     return _text(str(getattr(getattr(part.visual, "material", None), "name", None) or ""))
 
@@ -94,7 +87,8 @@ def _placed_geometries(
         raise InputError(source, f"mesh file {str(path)!r} does not exist", "an existing file")
     parts = []
     try:
-        scene = LOADERS.get(path.suffix.lower(), _load_as_it_is)(path, notes)
+        own = {".obj": load_obj, ".ply": load_ply}.get(path.suffix.lower())
+        scene = trimesh.load_scene(path, process=False) if own is None else own(path, notes)
         for node in scene.graph.nodes_geometry:
             matrix, geometry = scene.graph[node]
             placement = np.asarray(matrix, dtype=np.float64).reshape(4, 4)

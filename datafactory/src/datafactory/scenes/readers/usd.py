@@ -142,7 +142,8 @@ class _Reader:
         for prim in root.GetFilteredChildren(SCENE_PRIMS):
             self._read_from(prim, top)
         note_coarse_vertices(self._spacings, self._notes)
-        self._clock.note_outside(self._notes)
+        outside = "# animations have samples before startTimeCode or after endTimeCode, which count too"
+        self._notes.count(outside, self._clock.outside)
         return Scene(self._path.stem, tuple(self._objects), tuple(self._targets), str(self._path))
 
     def _read_from(self, prim: Usd.Prim, inherited: _Inherited) -> None:

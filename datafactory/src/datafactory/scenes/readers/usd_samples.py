@@ -32,12 +32,13 @@ class Clock:
     :param start: time code of time 0
     :param codes_per_second: time codes in a second
     :param end: last time code that the file states; None where it states none
+    :param outside: animations seen so far that have samples outside of the stated range
     """
 
     start: float
     codes_per_second: float
     end: float | None = None
-    _outside: int = field(default=0, init=False)
+    outside: int = field(default=0, init=False)
 
     @staticmethod
     def of(usd_stage: Usd.Stage, notes: Notes) -> Clock:
@@ -61,13 +62,7 @@ class Clock:
     def saw(self, times_s: list[float]) -> None:
         """Take note of an animation's samples."""
         end_s = np.inf if self.end is None else self.seconds(self.end)
-        self._outside += int(times_s[0] < 0.0 or times_s[-1] > end_s)
-
-    def note_outside(self, notes: Notes) -> None:
-        """Say how many animations have samples outside of the stated range."""
-        notes.count(
-            "# animations have samples before startTimeCode or after endTimeCode, which count too", self._outside
-        )
+        self.outside += int(times_s[0] < 0.0 or times_s[-1] > end_s)
 
 
 def _first_sample(usd_stage: Usd.Stage) -> float:

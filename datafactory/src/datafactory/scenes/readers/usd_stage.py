@@ -1,6 +1,6 @@
 """A whole USD stage: its variants, missing layers, units and axes, size.
 
-Of what it refers to and cannot be opened, a material's loss is a remark, that of geometry an error: how the two are told
+Of what it refers to and cannot be opened, a material's loss is a remark, that of geometry an error: how they are told
 apart says docs/scenes.md#what-cannot-be-opened. Files are often passed on without their materials: MaterialX needs a
 plugin of its own, textures are large. The radar takes from them a name at most.
 """
