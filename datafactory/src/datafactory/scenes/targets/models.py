@@ -39,7 +39,7 @@ from typing import ClassVar
 import numpy as np
 
 from datafactory.scenes.targets import bodies
-from datafactory.scenes.targets.bodies import Extent, Motion, MovingParts, RcsModel, Real, text_without_defaults
+from datafactory.scenes.targets.bodies import Extent, Motion, MovingParts, RcsModel, Real
 from datafactory.scenes.targets.walking import FASTEST_RV, leg_m, parts_of_walker
 from shared.physics.units import db_to_power
 from shared.physics.vectors import unit
@@ -125,8 +125,6 @@ class Car(RcsModel):
         level = np.where(facing, float(db_to_power(self.WHEEL_DBSM)), 0.0)
         return rolling_wheels(hubs, self.wheel_radius_m, level, motion, self.wheel_hidden_below_m or 0.0)
 
-    __repr__ = text_without_defaults
-
 
 @dataclass(frozen=True, repr=False)
 class Pedestrian(RcsModel):
@@ -172,8 +170,6 @@ class Pedestrian(RcsModel):
         most = FASTEST_RV * leg_m(self.stature_m)
         return f"a walker of {self.stature_m:g} m at {forward_mps:g} m/s; expected at most {most:.3g} m/s"
 
-    __repr__ = text_without_defaults
-
 
 @dataclass(frozen=True, repr=False)
 class Cyclist(RcsModel):
@@ -215,8 +211,6 @@ class Cyclist(RcsModel):
         sine_squared = np.where(across > 0.0, y**2 / np.where(across > 0.0, across, 1.0) ** 2, 0.5)
         whole = db_to_power(self.SIDE_DBSM) * sine_squared + db_to_power(self.END_DBSM) * (1.0 - sine_squared)
         return whole * np.array([0.5, 0.25, 0.25])
-
-    __repr__ = text_without_defaults
 
 
 def rolling_wheels(
