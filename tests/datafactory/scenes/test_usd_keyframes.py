@@ -13,7 +13,7 @@ from usd_files import CUBE, CUBE_FACES, CUBE_POINTS, METRES_Z_UP, MOVING, SPLINE
 from datafactory.scenes.city.shapes import box
 from datafactory.scenes.city.site import Keyframe, Placement
 from datafactory.scenes.city.usd import write_usd
-from datafactory.scenes.motion import Motion, Moving
+from datafactory.scenes.motion import Motion
 from datafactory.scenes.network.conversion import thinned
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
@@ -104,7 +104,7 @@ def moving_scenes(folder: Path) -> dict[str, Scene]:
 
 def keys_of(motion: Motion) -> np.ndarray:
     """[K] times of a motion's samples [s]."""
-    return motion.times() if isinstance(motion, Moving) else np.array(motion.times)
+    return np.array(motion.times)
 
 
 def hold_velocities(item: SceneObject | PointTarget, time_s: float) -> None:

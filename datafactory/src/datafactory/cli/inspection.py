@@ -128,7 +128,7 @@ def inspect(asked: InspectOptions) -> None:
             console.print("a web server lists no folder: files that the manifest does not name were not looked for")
     summary = summarise(dataset)
     if asked.json:
-        print(json.dumps(summary.to_json(), indent=2))
+        print(json.dumps(asdict(summary), indent=2))
         return
     for item in _tables(summary):
         console.print(item)
@@ -169,10 +169,10 @@ def _tables(summary: Summary) -> list[Table]:
         contents.insert(0, ("frames of traced paths", str(summary.traced)))
     if not summary.frames:
         return [table("Contents", ("what", "value"), contents)]
-    kinds = sorted({kind for _, kind in summary.frames})
+    kinds = sorted({kind for counted in summary.frames.values() for kind in counted})
     by_split = []
     for split in SPLITS:
-        row = [summary.frames.get((split, kind), 0) for kind in kinds]
+        row = [summary.frames.get(split, {}).get(kind, 0) for kind in kinds]
         by_split.append((split, *map(str, row), str(sum(row))))
     by_scene = [(scene, str(count)) for scene, count in summary.scenes.items()]
     return [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -14,9 +14,9 @@ from shared.physics.errors import InputError
 
 @dataclass(frozen=True)
 class Summary:
-    """The numbers of a dataset.
+    """The numbers of a dataset, as ``datafactory inspect --json`` prints them.
 
-    :param frames: (split, kind) to number of frames; empty for a folder of traced paths alone
+    :param frames: number of frames by split, then by kind; empty for a folder of traced paths alone
     :param scenes: scene name to number of frames
     :param sequences: number of sequences of frames along a track
     :param traced: frames whose traced paths are stored
@@ -27,7 +27,7 @@ class Summary:
     :param counts: what the manifest counted, e.g. what was left out
     """
 
-    frames: dict[tuple[str, str], int]
+    frames: dict[str, dict[str, int]]
     scenes: dict[str, int]
     sequences: int
     traced: int
@@ -35,14 +35,7 @@ class Summary:
     shapes: dict[str, list[int]]
     shards: int
     bytes: int
-    counts: Mapping[str, Any]
-
-    def to_json(self) -> dict[str, Any]:
-        """What ``datafactory inspect --json`` prints: ``frames`` by split, then by kind; the rest as it stands here."""
-        by_split: dict[str, dict[str, int]] = {}
-        for (split, kind), count in self.frames.items():
-            by_split.setdefault(split, {})[kind] = count
-        return {**vars(self), "frames": by_split, "counts": dict(self.counts)}
+    counts: dict[str, Any]
 
 
 def summarise(dataset: Dataset) -> Summary:
@@ -50,12 +43,12 @@ def summarise(dataset: Dataset) -> Summary:
 
     :raises InputError: a shard that is damaged
     """
-    kinds: Counter[tuple[str, str]] = Counter()
+    kinds: defaultdict[str, Counter[str]] = defaultdict(Counter)
     scenes: Counter[str] = Counter()
     sequences: set[int] = set()
     for split in dataset.splits:
         for frame in dataset.frames(split, columns=()):
-            kinds[split, frame.kind] += 1
+            kinds[split][frame.kind] += 1
             scenes[frame.scene] += 1
             sequences.add(frame.sequence)
     counts = dataset.manifest.get("counts", {})
@@ -63,7 +56,7 @@ def summarise(dataset: Dataset) -> Summary:
         raise InputError(dataset.path / MANIFEST, f"counts = {counts!r}", "a number for each thing counted")
     description: dict[str, Any] = dataset.description() if dataset.splits else {"radar": {"name": ""}, "shapes": {}}
     return Summary(
-        frames=dict(kinds),
+        frames={split: dict(counted) for split, counted in kinds.items()},
         scenes=dict(scenes),
         sequences=len(sequences - {-1}),
         traced=sum(record.rows for record in dataset.records if record.path.startswith("paths/")),

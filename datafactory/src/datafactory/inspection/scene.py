@@ -136,7 +136,7 @@ def _motions(scene: Scene) -> Iterator[MotionUse]:
             kind = "turns or changes its size" if motion.shape is None else "changes its shape"
         if kind:
             speeds[kind].append(fastest)
-            ends[kind].append(np.inf if motion is None else motion.ends_s)
+            ends[kind].append(np.inf if motion is None else float(motion.times[-1]))
     for kind, values in speeds.items():
         rests = max(ends[kind])
         yield MotionUse(kind, len(values), max(values), rests if np.isfinite(rests) else None)

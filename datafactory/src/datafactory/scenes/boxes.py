@@ -226,11 +226,11 @@ class Movers:
         self._targets = [item for item in scene.targets if item.moves]
         horizon_s = scene.population.horizon_s if self and scene.population is not None else None
         movers: list[SceneObject | PointTarget] = [*self._objects, *self._targets]
-        own = [item.motion for item in movers if not item.name.startswith(f"{FOLDER}/")]
-        ends_s = [motion.ends_s for motion in own if motion is not None]
-        self.moves_from_s = min((motion.begins_s for motion in own if motion is not None), default=-np.inf)
+        every = [item.motion for item in movers if not item.name.startswith(f"{FOLDER}/")]
+        own = [motion.times for motion in every if motion is not None]
+        self.moves_from_s = min((float(times[0]) for times in own), default=-np.inf)
         """Before, what of the scene's own has samples rests [s]; -inf where nothing has."""
-        self.rests_from_s = max(ends_s, default=horizon_s or np.inf)
+        self.rests_from_s = max((float(times[-1]) for times in own), default=horizon_s or np.inf)
         """From when on what of the scene's own has samples rests [s]; where nothing has, a population; else inf."""
         self.populated_s = horizon_s
         if horizon_s:

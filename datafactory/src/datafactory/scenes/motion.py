@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,16 +86,6 @@ class Track:
         """Equal for equal motions alone."""
         return repr((self.times, self.places, self.velocities)).encode()
 
-    @property
-    def begins_s(self) -> float:
-        """Until when it rests [s]."""
-        return self.times[0]
-
-    @property
-    def ends_s(self) -> float:
-        """From when on it rests [s]."""
-        return self.times[-1]
-
 
 @dataclass(frozen=True, eq=False)
 class Moving:
@@ -124,8 +115,9 @@ class Moving:
             velocities = velocities + slope @ matrix[:3, :3].T
         return Instant(placed(local, matrix), velocities)
 
+    @cached_property
     def times(self) -> Real:
-        """[K] times of all samples [s]."""
+        """[K] times of all samples [s], rising."""
         own = self.shape.times if self.shape is not None else np.zeros(0)
         return np.union1d(self.chain.times(), own)
 
@@ -144,18 +136,9 @@ class Moving:
             digest.update(np.ascontiguousarray(self.shape.values).tobytes())
         return digest.digest()
 
-    @property
-    def begins_s(self) -> float:
-        """Until when it rests [s]."""
-        return float(self.times()[0])
-
-    @property
-    def ends_s(self) -> float:
-        """From when on it rests [s]."""
-        return float(self.times()[-1])
-
 
 Motion = Track | Moving
+"""Both rest before the first of their ``times`` and from the last one on."""
 
 
 def drift(velocity: Vector, motion: Track | None, time_s: float) -> tuple[Real, Real]:
@@ -189,7 +172,7 @@ def fastest_mps(
 
 def looked_at(motion: Moving) -> list[float]:
     """Times at which a moving mesh is looked at: its samples, thinned out where there are many, and between them."""
-    times = motion.times()
+    times = motion.times
     times = np.union1d(times, 0.5 * (times[1:] + times[:-1]))
     return [float(time) for time in times[:: max(1, -(-len(times) // MOST_INSTANTS))]]
 
