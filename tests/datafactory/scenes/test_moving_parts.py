@@ -150,7 +150,8 @@ def test_a_file_of_targets_may_name_models(tmp_path: Path) -> None:
 STATURE_M = 1.75
 RADAR = np.array([12.0, 3.0, 0.5])
 FRAME_S = 128 * 80.6e-6
-TORSO = PARTS.index("torso")
+NAMES = [part.name for part in PARTS]
+TORSO = NAMES.index("torso")
 
 
 def walker(speed: float, time_s: float, start: float = 0.0, radar: NDArray = RADAR) -> MovingParts:
@@ -185,9 +186,9 @@ def test_the_gait_is_periodic_and_its_sides_are_half_a_cycle_apart(speed: float)
         now, later, half = (walker(speed, time_s + t) for t in (0.0, period, 0.5 * period))
         np.testing.assert_allclose(later.position, now.position, atol=1e-9)
         np.testing.assert_allclose(later.velocity, now.velocity, atol=1e-7)
-        for number, part in enumerate(PARTS):
+        for number, part in enumerate(NAMES):
             other = part.replace("right", "l").replace("left", "right").replace("l ", "left ")
-            mirrored = half.position[PARTS.index(other)] * [1.0, -1.0, 1.0]
+            mirrored = half.position[NAMES.index(other)] * [1.0, -1.0, 1.0]
             np.testing.assert_allclose(now.position[number], mirrored, atol=1e-9)
 
 
@@ -227,7 +228,7 @@ def test_the_legs_do_what_legs_do() -> None:
     assert abs(place["right ankle"].real[2] - 0.039 * STATURE_M) < 0.1
     assert place["left hand"].real[0] > place["right hand"].real[0]  # the arms swing against the legs
     times = np.linspace(0.0, cycle_s(1.4, STATURE_M), 400, endpoint=False)
-    foot = np.array([walker(1.4, t).velocity[PARTS.index("right foot"), 0] for t in times]) + 1.4
+    foot = np.array([walker(1.4, t).velocity[NAMES.index("right foot"), 0] for t in times]) + 1.4
     assert 2.5 < foot.max() / 1.4 < 4.0
     assert foot.min() / 1.4 > -0.6
     assert np.mean(np.abs(foot) < 0.5) > 0.3  # on the ground
@@ -244,7 +245,7 @@ def test_accelerations_are_those_that_the_manual_states(speed: float, foot: floa
     times = np.linspace(0.0, cycle_s(speed, STATURE_M), 2000, endpoint=False)
     velocity = np.array([walker(speed, t).velocity for t in times])
     acceleration = np.linalg.norm(np.gradient(velocity, times, axis=0), axis=2)
-    feet = acceleration[:, [PARTS.index("right foot"), PARTS.index("left foot")]]
+    feet = acceleration[:, [NAMES.index("right foot"), NAMES.index("left foot")]]
     assert 0.9 * foot < feet.max() < foot
     assert acceleration[:, TORSO].max() < torso
     ahead = np.array([walker(speed, t + FRAME_S).position - walker(speed, t).position for t in times])

@@ -37,7 +37,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,17 +60,32 @@ HEAD, NECK, TORSO, SHOULDER, UPPER_ARM, FOREARM = 0.130, 0.052, 0.288, 0.1295, 0
 HIP, THIGH, SHANK, ANKLE, FOOT = 0.0955, 0.245, 0.246, 0.039, 0.143
 LEG = THIGH + SHANK
 
-PARTS = (
-    "head", "torso",
-    *(f"{side} {part}" for side in ("right", "left")
-      for part in ("shoulder", "upper arm", "forearm", "hip", "thigh", "shank", "foot")),
-)  # fmt: skip
-"""Names of the parts, in their order."""
-HALF_WIDTH_M = {
-    "head": 0.1, "torso": 0.15, "shoulder": 0.06, "upper arm": 0.06, "forearm": 0.05, "hip": 0.07, "thigh": 0.07,
-    "shank": 0.06, "foot": 0.05,
-}  # fmt: skip
-"""Half axis a of a part's ellipsoid, across it [m] (Chen)."""
+
+class Part(NamedTuple):
+    """A part of the body, between two joints.
+
+    :param half_width_m: half axis a of its ellipsoid, across it (Chen)
+    """
+
+    name: str
+    first: str
+    second: str
+    half_width_m: float
+
+
+def _side(side: str) -> tuple[Part, ...]:
+    return (
+        Part(f"{side} shoulder", "neck", f"{side} shoulder", 0.06),
+        Part(f"{side} upper arm", f"{side} shoulder", f"{side} elbow", 0.06),
+        Part(f"{side} forearm", f"{side} elbow", f"{side} hand", 0.05),
+        Part(f"{side} hip", "spine", f"{side} hip", 0.07),
+        Part(f"{side} thigh", f"{side} hip", f"{side} knee", 0.07),
+        Part(f"{side} shank", f"{side} knee", f"{side} ankle", 0.06),
+        Part(f"{side} foot", f"{side} ankle", f"{side} toe", 0.05),
+    )
+
+
+PARTS = (Part("head", "chin", "crown", 0.1), Part("torso", "spine", "neck", 0.15), *_side("right"), *_side("left"))
 
 Angle = Callable[[float], complex]
 
@@ -128,14 +143,14 @@ def parts_of_walker(radar: Real, motion: Motion, stature_m: float, total_rcs_m2:
     relative = speed / leg_m(stature_m)
     rate = 0.0 if speed == 0.0 else np.sign(motion.forward_mps) / cycle_s(speed, stature_m)  # of the phase [1/s]
     place = joints((start + rate * motion.time_s) % 1.0, relative, stature_m)
-    ends = np.array([_ends(part, place) for part in PARTS])  # [N, 2, 3]
+    ends = np.array([(place[part.first], place[part.second]) for part in PARTS])  # [N, 2, 3]
     middle = ends.mean(axis=1)
     position, velocity = middle.real, middle.imag / STEP * rate
     axis = (ends[:, 1] - ends[:, 0]).real
     length = np.linalg.norm(axis, axis=1)
     line = radar - position
     cosine = dots(axis, line) / length / np.maximum(np.linalg.norm(line, axis=1), 1e-9)
-    across = np.array([HALF_WIDTH_M[part.removeprefix("right ").removeprefix("left ")] for part in PARTS])
+    across = np.array([part.half_width_m for part in PARTS])
     shares = ellipsoid_rcs_m2(across, 0.5 * length, cosine)
     return MovingParts(position, velocity, total_rcs_m2 * shares / shares.sum())
 
@@ -144,25 +159,6 @@ def ellipsoid_rcs_m2(across_m: Real, along_m: Real, cosine: Real) -> Real:
     """[N] sigma of ellipsoids of revolution [m^2], by geometric optics; ``cosine`` between axis and line of sight."""
     square = np.clip(cosine**2, 0.0, 1.0)
     return np.pi * across_m**4 * along_m**2 / (across_m**2 * (1.0 - square) + along_m**2 * square) ** 2
-
-
-def _ends(part: str, place: dict[str, Complex]) -> tuple[Complex, Complex]:
-    """The joints at both ends of a part."""
-    if part == "head":
-        return place["chin"], place["crown"]
-    if part == "torso":
-        return place["spine"], place["neck"]
-    side, _, name = part.partition(" ")
-    first, second = {
-        "shoulder": ("neck", f"{side} shoulder"),
-        "upper arm": (f"{side} shoulder", f"{side} elbow"),
-        "forearm": (f"{side} elbow", f"{side} hand"),
-        "hip": ("spine", f"{side} hip"),
-        "thigh": (f"{side} hip", f"{side} knee"),
-        "shank": (f"{side} knee", f"{side} ankle"),
-        "foot": (f"{side} ankle", f"{side} toe"),
-    }[name]
-    return place[first], place[second]
 
 
 class _Gait:
