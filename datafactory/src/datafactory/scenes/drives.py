@@ -238,6 +238,6 @@ def draw_drive(
 def _worth(poses: tuple[Pose, ...], ground: Ground, split: Split) -> tuple[float, float]:
     """Of poses spread over a drive: the share that looks along a street, and less the share of what is foreign."""
     chosen = poses[:: max(1, len(poses) // LOOKS)]
-    worths = [view_from(ground, *pose.position[:2], math.radians(pose.yaw_deg), split).worth for pose in chosen]
-    along, own, _ = np.mean(worths, axis=0).tolist()
+    views = [view_from(ground, *pose.position[:2], math.radians(pose.yaw_deg), split) for pose in chosen]
+    along, own, _ = np.mean(views, axis=0).tolist()
     return along, own

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,8 +50,6 @@ SECTOR_RAYS = 25
 SECTOR_RAD = np.radians(np.linspace(-SECTOR_DEG, SECTOR_DEG, SECTOR_RAYS))
 FREE_AHEAD_M = 8.0
 FAR_M = 15.0
-BEST = (True, 0.0, FREE_AHEAD_M)
-"""The worth of a view that nothing is wrong with."""
 
 
 @dataclass(frozen=True)
@@ -237,16 +235,16 @@ def sample_pose(ground: Ground, split: Split, rng: np.random.Generator, speeds: 
     require_ground(ground, split)
     roads = ground.cells(split, road=True)
     kerbs = ground.cells(split, road=False)
-    best: tuple[tuple[bool, float, float], float, float, float] | None = None
+    best: tuple[View, float, float, float] | None = None
     for _ in range(POSITION_TRIES):
         on_road = len(roads) and (not len(kerbs) or rng.random() < ROAD_PREFERENCE)
         pool = roads if on_road else kerbs
         corner = pool[rng.integers(len(pool))] + rng.random(2)
         x, y = (float(ground.origin[axis] + corner[axis] * ground.cell_m) for axis in (0, 1))
         for yaw in rng.uniform(-math.pi, math.pi, YAW_TRIES):
-            worth = view_from(ground, x, y, float(yaw), split).worth
-            if best is None or worth > best[0]:
-                best = (worth, x, y, float(yaw))
+            view = view_from(ground, x, y, float(yaw), split)
+            if best is None or view > best[0]:
+                best = (view, x, y, float(yaw))
         if best is not None and best[0] == BEST:
             break
     assert best is not None  # at least one yaw was tried
@@ -266,26 +264,21 @@ def sample_pose(ground: Ground, split: Split, rng: np.random.Generator, speeds: 
     )
 
 
-@dataclass(frozen=True)
-class View:
-    """A sensor's view.
+class View(NamedTuple):
+    """What a sensor sees from its place; of two views the better is the larger.
 
-    :param ahead_m: free path along the boresight [m]; inf where nothing stands within ``SIGHT_M``
-    :param farthest_m: the longest free path in the field of view [m]
-    :param seen: whether anything stands in the field of view within ``SIGHT_M``
-    :param foreign: of the rays that meet something, the share that meets it on another split's side
+    :param along: along a street at something: it stands within ``SIGHT_M``, and some ray is free for ``FAR_M``
+    :param own: less the share, of the rays that meet something, that meets it on another split's side
+    :param ahead_m: free path along the boresight [m], of which more than ``FREE_AHEAD_M`` does not count
     """
 
+    along: bool
+    own: float
     ahead_m: float
-    farthest_m: float
-    seen: bool
-    foreign: float
 
-    @property
-    def worth(self) -> tuple[bool, float, float]:
-        """The better of two views has the larger: along a street at something; of its own; free ahead."""
-        along = self.seen and self.farthest_m >= FAR_M
-        return along, -self.foreign, min(self.ahead_m, FREE_AHEAD_M)
+
+BEST = View(True, 0.0, FREE_AHEAD_M)
+"""Nothing is wrong with it."""
 
 
 def view_from(ground: Ground, x: float, y: float, yaw_rad: float, split: Split) -> View:
@@ -296,4 +289,5 @@ def view_from(ground: Ground, x: float, y: float, yaw_rad: float, split: Split) 
     i, j = ground.cell_of(x + np.cos(headings[met]) * free[met], y + np.sin(headings[met]) * free[met])
     side = ground.side[i, j]
     foreign = float(np.mean(side != SPLITS.index(split))) if met.any() else 0.0
-    return View(float(free[SECTOR_RAYS // 2]), float(free.max()), bool(met.any()), foreign)
+    along = bool(met.any() and free.max() >= FAR_M)
+    return View(along, -foreign, min(float(free[SECTOR_RAYS // 2]), FREE_AHEAD_M))
