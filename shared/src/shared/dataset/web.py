@@ -7,7 +7,6 @@ URI is ``hf://datasets/OWNER/NAME[@REVISION][/FOLDER]``.
 from __future__ import annotations
 
 import errno
-import io
 import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -81,35 +80,22 @@ class Reader(FSSpecHandler):
     open_input_stream = open_input_file
 
 
-class _File(io.RawIOBase):
+class _File:
     """A file of fsspec that fails as files do."""
 
     def __init__(self, file: Any) -> None:
         self._file = file
 
-    def readable(self) -> bool:
-        return True
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
 
-    def seekable(self) -> bool:
-        return True
-
-    def readinto(self, buffer: Any) -> int:
-        view = memoryview(buffer)
+    def read(self, size: int = -1) -> bytes:
         with _as_os_error():
-            content = self._file.read(len(view))
-        view[: len(content)] = content
-        return len(content)
+            return bytes(self._file.read(size))
 
     def seek(self, offset: int, whence: int = 0) -> int:
         with _as_os_error():
             return int(self._file.seek(offset, whence))
-
-    def tell(self) -> int:
-        return int(self._file.tell())
-
-    def close(self) -> None:
-        self._file.close()
-        super().close()
 
 
 def _says_not_found(error: FileNotFoundError) -> bool:
