@@ -44,7 +44,7 @@ from datafactory.run.card import stated_licence
 from datafactory.run.preparation import Order, stored_paths
 from datafactory.scenes.drives import WORD, Drives, parse_drives
 from datafactory.scenes.materials.table import MaterialTable, load_materials
-from datafactory.scenes.poses import Pose, Speeds, checked_speeds, parse_speeds, read_poses
+from datafactory.scenes.poses import Pose, Speeds, parse_speeds, read_poses
 from datafactory.scenes.readers.common import Reading, parse_variants
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
@@ -156,7 +156,7 @@ def speeds_of(asked: OrderOptions, drives: Drives | None) -> Speeds | None:
     }
     for other in (name for name, there in stated.items() if there):
         raise InputError("--speed", f"beside {other}, which states them", "one of them")
-    return parse_speeds(asked.speed) if isinstance(asked.speed, str) else checked_speeds(asked.speed)
+    return parse_speeds(asked.speed)
 
 
 def materials_of(materials: MaterialsLike | None) -> MaterialTable:

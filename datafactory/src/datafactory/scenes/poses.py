@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
@@ -187,23 +187,20 @@ def _without_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return dict(pairs)
 
 
-def parse_speeds(text: str) -> Speeds:
-    """``A:B``, two speeds [m/s].
+def parse_speeds(given: str | Speeds) -> Speeds:
+    """Two speeds [m/s], as numbers or as ``A:B``.
 
-    :raises InputError: see :func:`checked_speeds`
+    :raises InputError: what is neither, speeds that do not rise, or out of bounds
     """
-    try:
-        least, most = map(float, text.split(":"))
-    except ValueError:
-        raise InputError("--speed", repr(text), "A:B in m/s, e.g. 0:20") from None
-    return checked_speeds((least, most))
-
-
-def checked_speeds(speeds: Speeds) -> Speeds:
-    """:raises InputError: speeds that do not rise, or out of bounds"""
-    if not (isinstance(speeds, Sequence) and [isinstance(speed, Real) for speed in speeds] == [True, True]):
-        raise InputError("--speed", repr(speeds), "its two ends, as numbers in m/s")
-    least, most = speeds
+    if isinstance(given, str):
+        try:
+            least, most = map(float, given.split(":"))
+        except ValueError:
+            raise InputError("--speed", repr(given), "A:B in m/s, e.g. 0:20") from None
+    elif isinstance(given, list | tuple) and [isinstance(speed, Real) for speed in given] == [True, True]:
+        least, most = given
+    else:
+        raise InputError("--speed", repr(given), "its two ends, as numbers in m/s")
     if not 0.0 <= least <= most <= LARGEST_SPEED_MPS:
         raise InputError("--speed", f"{least:g}:{most:g}", f"A:B with 0 <= A <= B <= {LARGEST_SPEED_MPS:g} m/s")
     return least, most

@@ -25,9 +25,8 @@ KNOWN_SUFFIXES = USD_SUFFIXES + MITSUBA_SUFFIXES + MESH_SUFFIXES
 SHIPPED_PREFIX = "shipped:"
 SIONNA_PREFIX = "sionna:"
 SHIPPED_FOLDER = Path(__file__).resolve().parents[1] / "shipped"
-SHIPPED_SUFFIXES = (".usda", ".xml")
-"""Of two files of one name the first of these has the bare name, and the other its suffix."""
 FORMATS = {".usda": "USD", ".xml": "Mitsuba"}
+"""Of shipped scenes. Of two files of one name the first of these has the bare name, and the other its suffix."""
 
 
 def open_scene(source: str, reading: Reading = AS_WRITTEN) -> Scene:
@@ -108,7 +107,7 @@ class NamedScene(NamedTuple):
 def shipped_scenes() -> dict[str, Path]:
     """Name and file of every scene that this package ships, by name."""
     found: dict[str, Path] = {}
-    for suffix in SHIPPED_SUFFIXES:
+    for suffix in FORMATS:
         for file in sorted([*SHIPPED_FOLDER.glob(f"*{suffix}"), *SHIPPED_FOLDER.glob(f"*/*{suffix}")]):
             name = file.relative_to(SHIPPED_FOLDER).with_suffix("").as_posix()
             found[name if name not in found else name + suffix] = file
