@@ -23,14 +23,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from pydantic import BaseModel, Field, FiniteFloat, TypeAdapter, ValidationError
+from pydantic import BaseModel, Field, FiniteFloat, TypeAdapter
 from scipy.spatial.transform import Rotation, Slerp
 
 from datafactory.scenes.motion import Real, triple
 from datafactory.scenes.poses import Coordinate, Pose, PoseEntry, Speed, Time, Velocity, read_entries
 from shared.physics.errors import InputError
 from shared.physics.units import FASTEST_MPS
-from shared.radar import first_validation_error
+from shared.radar import validated
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicHermiteSpline
@@ -185,11 +185,8 @@ def _from_table(path: Path) -> Curve:
     for number, cells in lines[1:]:
         if len(cells) != len(names):
             raise InputError(path, f"line {number} has {len(cells)} values", f"{len(names)}: {','.join(names)}")
-        try:
-            line = _Line.model_validate(dict(zip(names, (cell.strip() for cell in cells), strict=True)))
-        except ValidationError as error:
-            raise InputError(path, *first_validation_error(error, f"line {number}, ")) from None
-        poses.append(line.pose())
+        values = dict(zip(names, (cell.strip() for cell in cells), strict=True))
+        poses.append(validated(_Line, values, path, place=f"line {number}, ").pose())
     return _curve(path, poses, [f"line {number}" for number, _ in lines[1:]], [VELOCITY[0] in names] * len(poses))
 
 

@@ -109,19 +109,22 @@ def _expected(fault: Mapping[str, Any]) -> str:
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def validated(model: type[Model], document: object, source: object, others: Iterable[str] = ()) -> Model:
+def validated(
+    model: type[Model], document: object, source: object, others: Iterable[str] = (), place: str = ""
+) -> Model:
     """A document as a value of ``model``.
 
     :param source: of the document, for the message
     :param others: entries that it might have had beside the fields of ``model``
+    :param place: where in the source it stands, see :func:`first_validation_error`
     :raises InputError: a field that is missing, unknown or wrong
     """
     try:
         return model.model_validate(document)
     except ValidationError as error:
-        place = error.errors()[0]["loc"]
-        known = [*_fields_at(model, place), *(others if len(place) == 1 else ())]
-        raise InputError(source, *first_validation_error(error, keys=known)) from error
+        within = error.errors()[0]["loc"]
+        known = [*_fields_at(model, within), *(others if len(within) == 1 else ())]
+        raise InputError(source, *first_validation_error(error, place, known)) from error
 
 
 def _fields_at(model: type[BaseModel], place: Place) -> list[str]:

@@ -15,11 +15,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import BaseModel, Field, FiniteFloat, model_validator
 
 from datafactory.scenes.materials.reflectivity import scattering_coefficient_for_sigma0
 from shared.physics.errors import InputError, meant
-from shared.radar import first_validation_error
+from shared.radar import validated
 
 FREQUENCY_HZ = 77e9
 """Frequency of the table [Hz]."""
@@ -282,11 +282,10 @@ def load_materials(path: Path | None = None) -> MaterialTable:
 
 def _parsed(text: str, source: object) -> MaterialFile:
     try:
-        return MaterialFile.model_validate(tomllib.loads(text))
+        document = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(source, f"malformed TOML: {error}", "[material.NAME] tables, [map] and default") from None
-    except ValidationError as error:
-        raise InputError(source, *first_validation_error(error, keys=MaterialFile.model_fields)) from None
+    return validated(MaterialFile, document, source)
 
 
 def _with_changes(known: dict[str, Any] | None, changes: dict[str, Any], source: str) -> dict[str, Any]:
@@ -307,13 +306,9 @@ def _checked_table(
     tables: Mapping[str, dict[str, Any]], exact: dict[str, str], default: str, source: object, first: Iterable[str] = ()
 ) -> MaterialTable:
     """Check every table; where two materials claim one alias, those named in ``first`` keep it."""
-    entries: dict[str, MaterialEntry] = {}
-    for name, table in tables.items():
-        try:
-            entries[name] = MaterialEntry.model_validate(table)
-        except ValidationError as error:
-            fault = first_validation_error(error, f"material.{name}.", MaterialEntry.model_fields)
-            raise InputError(source, *fault) from None
+    entries = {
+        name: validated(MaterialEntry, table, source, place=f"material.{name}.") for name, table in tables.items()
+    }
     known = ", ".join(entries)
     for key, target in {"default": default, **{f"map.{name}": target for name, target in exact.items()}}.items():
         if target not in entries:
