@@ -175,7 +175,7 @@ def test_a_budget_on_two_scenes_is_settled_once_kept_and_checked(variant, radar,
     scenes = tuple(str(tmp_path / f"{name}.usda") for name in ("one", "two"))
     order, said = Order(radar=radar, scenes=scenes, frames=16, effects=EFFECTS, seed=1), list[str]()
     found = settled(order, -15.0, MENU, said, tmp_path / "cache")
-    assert [[sample.frame_id for sample in scene.swept] for scene in found.scenes] == [[0, 9], [1, 8]]
+    assert [[sample.frame.frame_id for sample in scene.swept] for scene in found.scenes] == [[0, 9], [1, 8]]
     assert sum("measuring" in line for line in said) == 2
     with monkeypatch.context() as patch:
         patch.setattr(budget, "measure_prices", lambda *arguments: pytest.fail("measured again"))

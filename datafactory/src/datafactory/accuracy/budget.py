@@ -166,7 +166,7 @@ def errors_together(
         power.append(error.peak)
         if menu.paths_only:
             continue
-        radar, settings, frames = sample.radar, sample.settings(chosen), [sample.traced(chosen)]
+        radar, settings, frames = sample.order.radar, sample.settings(chosen), [sample.traced(chosen)]
         rows, picture = stored(sample) if stored else (None, None)
         reference = reference_of(frames, settings, radar, None if rows is None else [rows])
         outcome = made(frames, settings, radar, rows=reference.cells if rows is None else [rows])
@@ -183,8 +183,8 @@ def _inputs(scene: SweptScene, wanted: dict[str, Any]) -> dict[str, Any]:
         "scene": prepared.content,
         "materials": prepared.materials.to_json(),
         "made_with": asdict(first.settings(DEFAULT)),
-        "radar": first.radar.model_dump(mode="json"),
-        "frames": [[item.frame_id, item.frame.seed, asdict(item.frame.where)] for item in scene.swept],
+        "radar": first.order.radar.model_dump(mode="json"),
+        "frames": [[item.frame.frame_id, item.frame.seed, asdict(item.frame.where)] for item in scene.swept],
         "wanted": wanted,
     }
 
@@ -211,9 +211,9 @@ def check(budget: Budget, directory: Location, announce: Announce) -> None:
     def stored(sample: Sample) -> tuple[Cells, NDArray]:
         """The frame's row."""
         assert dataset is not None
-        split, place = budget.deal.place_of(sample.frame_id)
+        split, place = budget.deal.place_of(sample.frame.frame_id)
         frame = read_frame(*dataset.rows(split)[place], ("velocity", "image"))
-        cells = sample.radar.waveform.doppler_cells(frame.velocity[0])
+        cells = sample.order.radar.waveform.doppler_cells(frame.velocity[0])
         return cells, frame.image * np.float32(frame.image_peak)
 
     def achieved_by(samples: tuple[Sample, ...]) -> Errors:
@@ -232,12 +232,12 @@ def check(budget: Budget, directory: Location, announce: Announce) -> None:
         "keeps_budget": choice.keeps_budget and kept,
         "settings": {name: getattr(choice.settings, name) for name in chosen},
         "work_per_frame": choice.work,
-        "frames": [sample.frame_id for scene in budget.scenes for sample in scene.swept],
+        "frames": [sample.frame.frame_id for scene in budget.scenes for sample in scene.swept],
         "predicted": predicted,
         "achieved": achieved.measured(),
         "achieved_less_predicted_db": differences,
         "prediction_within_3_db": honest,
-        "other_frames": [sample.frame_id for scene in budget.scenes for sample in scene.elsewhere],
+        "other_frames": [sample.frame.frame_id for scene in budget.scenes for sample in scene.elsewhere],
         "achieved_on_other_frames": worst_of(others).measured() if others else None,
     }
     manifest = read_manifest(directory)

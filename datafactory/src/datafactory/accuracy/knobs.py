@@ -19,7 +19,6 @@ from datafactory.paths.storage import TracedFrame
 from datafactory.paths.table import PathTable
 from datafactory.run.preparation import Order
 from shared.dataset import STORES
-from shared.radar import Radar
 
 KNOBS = ("rays", "depth", "prune_db", "tolerance", "truth_terms")
 POWER_KNOBS, SIGNAL_KNOBS = KNOBS[:2], KNOBS[2:]
@@ -185,15 +184,6 @@ class Sample:
     scene: PreparedScene
     order: Order
 
-    @property
-    def frame_id(self) -> int:
-        """Its index in the run."""
-        return self.frame.frame_id
-
-    @property
-    def radar(self) -> Radar:
-        return self.order.radar
-
     def settings(self, knobs: KnobSettings) -> ChainSettings:
         """How the frame is made with these knobs: the rest is the run's."""
         chain = replace(self.order, settings=knobs.on(self.order.settings)).of_scenes
@@ -205,9 +195,9 @@ class Sample:
 
     def traced(self, knobs: KnobSettings, realisation: int = 0) -> TracedFrame:
         """One realisation of the paths; number 0 has the rays of the run itself."""
-        return SceneSource(self.frame.with_rays(realisation), self.scene, self.settings(knobs)).traced(self.radar)
+        return SceneSource(self.frame.with_rays(realisation), self.scene, self.settings(knobs)).traced(self.order.radar)
 
     def lit_paths(self, knobs: KnobSettings, realisation: int = 0) -> PathTable:
         """Illuminated paths of one realisation."""
-        _, paths = narrowed(self.traced(knobs, realisation), self.settings(knobs), self.radar)
+        _, paths = narrowed(self.traced(knobs, realisation), self.settings(knobs), self.order.radar)
         return paths

@@ -130,12 +130,12 @@ Kept = dict[tuple[int, TraceSettings, float | None, int, int], Realisations]
 def realisations(sample: Sample, knobs: KnobSettings, first: int, count: int, kept: Kept) -> Realisations:
     """Realisations ``first`` to ``first + count - 1``, traced unless ``kept`` holds them; added to it."""
     settings = sample.settings(knobs)
-    key = (sample.frame_id, settings.trace, settings.budget_db, first, count)
+    key = (sample.frame.frame_id, settings.trace, settings.budget_db, first, count)
     if key not in kept:
         power, paths = [], []
         for number in range(first, first + count):
             table = sample.lit_paths(knobs, number)
-            power.append(cell_power(table, sample.radar, settings.processing.truth_window))
+            power.append(cell_power(table, sample.order.radar, settings.processing.truth_window))
             paths.append(len(table))
         kept[key] = Realisations(np.array(power), float(np.mean(paths)))
     return kept[key]

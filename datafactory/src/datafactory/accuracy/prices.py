@@ -95,7 +95,7 @@ class Bench:
         self.samples, self.usual, self.repeats, self.batch = samples, usual, repeats, batch
         self.tracing = Clock(repeats)
         self.frames = [self.tracing("trace", partial(sample.traced, usual)) for sample in samples]
-        self.reference = reference_of(self.frames, samples[0].settings(usual), samples[0].radar)
+        self.reference = reference_of(self.frames, samples[0].settings(usual), samples[0].order.radar)
         converged = Clock(repeats, keep=True)
         self.made(usual.converged(), converged)
         self.kept = converged.kept
@@ -103,7 +103,7 @@ class Bench:
     def made(self, knobs: KnobSettings, clock: Clock) -> Outcome:
         """All frames from the paths that they have, in the Doppler cells of the reference."""
         first = self.samples[0]
-        return made(self.frames, first.settings(knobs), first.radar, clock, self.reference.cells, self.batch)
+        return made(self.frames, first.settings(knobs), first.order.radar, clock, self.reference.cells, self.batch)
 
     def errors(self, outcome: Outcome) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Those of cubes and of images made of these paths, by frame."""

@@ -112,7 +112,7 @@ class _Study:
 
     def __init__(self, samples: Sequence[Sample], menu: Menu, repeats: int, batch: int, advance: Progress) -> None:
         self.samples, self.menu, self.repeats, self.batch = samples, menu, repeats, batch
-        self.sample, self.radar, self.usual = samples[0], samples[0].radar, menu.usual
+        self.sample, self.radar, self.usual = samples[0], samples[0].order.radar, menu.usual
         self.prices: list[Price] = []
         total = len(list(menu.settings()))
         self.begin: Announce = lambda label: advance(label, len(self.prices), total)
