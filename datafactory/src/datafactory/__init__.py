@@ -30,24 +30,17 @@ if TYPE_CHECKING:
 
 __version__: str
 _MODULES = {
-    "Converted": "datafactory.api.making",
-    "InputError": "shared.physics.errors",
-    "Pose": "datafactory.scenes.poses",
-    "Radar": "shared.radar",
-    "Report": "datafactory.run.pipeline",
-    "RunFailed": "datafactory.run.portions",
-    "Scene": "datafactory.scenes.scene",
-    "ScenePlan": "datafactory.api.planning",
-    "convert": "datafactory.api.making",
-    "load_radar": "shared.radar",
-    "load_scene": "datafactory.api.asking",
-    "merge": "datafactory.api.making",
-    "plan": "datafactory.api.planning",
-    "read_paths": "datafactory.paths.storage",
-    "read_poses": "datafactory.scenes.poses",
-    "read_targets": "datafactory.frame.points",
-    "render": "datafactory.api.making",
-    "trace": "datafactory.api.making",
+    "datafactory.api.asking": ("load_scene",),
+    "datafactory.api.making": ("Converted", "convert", "merge", "render", "trace"),
+    "datafactory.api.planning": ("ScenePlan", "plan"),
+    "datafactory.frame.points": ("read_targets",),
+    "datafactory.paths.storage": ("read_paths",),
+    "datafactory.run.pipeline": ("Report",),
+    "datafactory.run.portions": ("RunFailed",),
+    "datafactory.scenes.poses": ("Pose", "read_poses"),
+    "datafactory.scenes.scene": ("Scene",),
+    "shared.physics.errors": ("InputError",),
+    "shared.radar": ("Radar", "load_radar"),
 }
-__all__ = list(_MODULES)
+__all__ = sorted(name for names in _MODULES.values() for name in names)
 __getattr__, __dir__ = lazy_names(__name__, _MODULES)

@@ -30,23 +30,19 @@ if TYPE_CHECKING:
 
 __version__: str
 _MODULES = {
-    "Example": "trainer.data.dataset",
-    "Imager": "trainer.run.imager",
-    "InputError": "shared.physics.errors",
-    "Predictor": "trainer.run.predict",
-    "RadarDataset": "trainer.data.dataset",
-    "Run": "trainer.run.folder",
-    "calibrate": "trainer.captures.calibrating",
-    "choose_array": "trainer.data.arrays",
-    "estimators": "trainer.estimators",
-    "evaluate": "trainer.evaluation.evaluate",
-    "export": "trainer.run.export",
-    "fit": "trainer.training.fit",
-    "import_capture": "trainer.captures.importing",
-    "load_imager": "trainer.run.folder",
-    "predict": "trainer.run.predict",
-    "pretrained_names": "trainer.run.pretrained",
-    "pretrained_run": "trainer.run.pretrained",
+    "shared.physics.errors": ("InputError",),
+    "trainer.captures.calibrating": ("calibrate",),
+    "trainer.captures.importing": ("import_capture",),
+    "trainer.data.arrays": ("choose_array",),
+    "trainer.data.dataset": ("Example", "RadarDataset"),
+    "trainer.estimators": ("estimators",),
+    "trainer.evaluation.evaluate": ("evaluate",),
+    "trainer.run.export": ("export",),
+    "trainer.run.folder": ("Run", "load_imager"),
+    "trainer.run.imager": ("Imager",),
+    "trainer.run.predict": ("Predictor", "predict"),
+    "trainer.run.pretrained": ("pretrained_names", "pretrained_run"),
+    "trainer.training.fit": ("fit",),
 }
-__all__ = list(_MODULES)
+__all__ = sorted(name for names in _MODULES.values() for name in names)
 __getattr__, __dir__ = lazy_names(__name__, _MODULES)

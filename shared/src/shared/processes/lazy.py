@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -22,34 +22,37 @@ OURS = {"shared": "sparseradar-shared", "datafactory": "sparseradar-datafactory"
 """Distribution by import name."""
 
 
-def lazy_names(package: str, modules: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+def lazy_names(
+    package: str, modules: Mapping[str, Sequence[str]]
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """(``__getattr__``, ``__dir__``) for the ``__init__`` of a package.
 
     A name that was imported once is an attribute like any other. ``__version__`` is that of the installed distribution.
 
-    :param modules: public name -> module that defines it under this name; a name that is a subpackage -> the package
+    :param modules: module -> public names that it defines; a subpackage -> its own name
     :raises ImportError: somebody else's distribution of the package's name is installed over ours
     """
     if package in OURS:
         refuse_namesake(package)
+    module_of = {name: module for module, names in modules.items() for name in names}
 
     def find(name: str) -> Any:
         if name == VERSION:
             from importlib import metadata
 
             value: Any = metadata.version(OURS[package.partition(".")[0]])
-        elif name in modules:
-            module = import_module(modules[name])
+        elif name in module_of:
+            module = import_module(module_of[name])
             value = module if module.__name__ == f"{package}.{name}" else getattr(module, name)
         else:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         setattr(sys.modules[package], name, value)
         return value
 
-    def names() -> list[str]:
-        return sorted({*vars(sys.modules[package]), *modules, VERSION})
+    def listed() -> list[str]:
+        return sorted({*vars(sys.modules[package]), *module_of, VERSION})
 
-    return find, names
+    return find, listed
 
 
 def strangers(package: str) -> list[str]:

@@ -14,11 +14,9 @@ if TYPE_CHECKING:
     from trainer.estimators.base import UNIFORM_ESTIMATORS as UNIFORM_ESTIMATORS
     from trainer.estimators.base import Estimator as Estimator
 
-__all__ = ["ESTIMATORS", "UNIFORM_ESTIMATORS", "Estimator", "LineArray", "line_array"]
-
 _MODULES = {
-    **dict.fromkeys(("ESTIMATORS", "UNIFORM_ESTIMATORS", "Estimator"), "trainer.estimators.base"),
-    **dict.fromkeys(("LineArray", "line_array"), "trainer.estimators.array"),
+    "trainer.estimators.array": ("LineArray", "line_array"),
+    "trainer.estimators.base": ("ESTIMATORS", "UNIFORM_ESTIMATORS", "Estimator"),
 }
-
+__all__ = sorted(name for names in _MODULES.values() for name in names)
 __getattr__, __dir__ = lazy_names(__name__, _MODULES)
