@@ -16,7 +16,7 @@ from datafactory.scenes.traffic.population import recorded
 from datafactory.view.subject import Subject
 from shared.dataset.locations import Location, locate
 from shared.dataset.manifest import MANIFEST
-from shared.dataset.writing import make_folder, require_folder_above, write_bytes
+from shared.dataset.writing import make_folder, require_folder, write_bytes
 from shared.physics.errors import InputError
 from shared.processes.declared import common, taking
 from shared.radar import validated
@@ -38,7 +38,7 @@ def view(asked: ViewOptions) -> tuple[Path, ...]:
     page = Path(asked.out)
     if page.suffix.lower() != PAGE_SUFFIX:
         raise InputError("--out", f"{str(asked.out)!r}", f"a file that ends in {PAGE_SUFFIX}")
-    require_folder_above(page, "--out")
+    require_folder(page.parent, "--out", "a file in a folder")
     subject = _traced_now(asked) if asked.paths is None else _traced_before(asked, locate(asked.paths))
     from datafactory.view.page import view_page
 

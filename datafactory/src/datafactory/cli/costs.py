@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -33,10 +32,11 @@ def plan(
     from datafactory.api.planning import plan as plan_of
     from datafactory.effects.plan import draw
     from shared.cli.progress import bars
-    from shared.dataset.writing import write_json
+    from shared.dataset.locations import local
+    from shared.dataset.writing import require_folder, write_json
 
     if (out := asked.out) is not None:
-        _require_folder(out)
+        require_folder(local(out, "--out"), "--out")
     console = plain_console(stderr=as_json)
     with bars(console, transient=True) as advance:
         planned = plan_of(**{**vars(common(PlanOptions, asked)), "announce": console.print, "progress": advance})
@@ -57,16 +57,6 @@ def plan(
         console.print(f"{looked}; every frame of a run decides for itself")
         if item.proof is not None:
             console.print(item.proof.sentence())
-
-
-def _require_folder(out: Path) -> None:
-    """:raises InputError: a file stands where the folder is to be, or it is elsewhere"""
-    from shared.dataset.locations import local
-
-    local(out, "--out")
-    there = next(path for path in (out, *out.parents) if path.exists())
-    if not there.is_dir():
-        raise InputError("--out", f"{there} is a file", "a folder")
 
 
 def _effects(document: dict[str, Any]) -> Table:
@@ -93,6 +83,8 @@ def accuracy(asked: AccuracyOptions) -> None:
     from datafactory.paths.backend import set_threads
     from datafactory.run.preparation import prepare
     from shared.cli.progress import bars
+    from shared.dataset.locations import local
+    from shared.dataset.writing import require_folder
 
     scene, out, quick = asked.scene, asked.out, asked.quick
     if scene is None:
@@ -102,7 +94,7 @@ def accuracy(asked: AccuracyOptions) -> None:
     drawn = DEFAULT_FRAMES if asked.poses is None else None
     order = order_of(common(OrderOptions, asked, scenes=scene, frames=drawn, rays=None))
     menu = study.menu_of_study(quick, asked.rays, asked.most_rays, order.radar)
-    _require_folder(out)
+    require_folder(local(out, "--out"), "--out")
     set_threads(1)
     job = prepare(order, materials_of(asked.materials), console.print).job
     count = min(1 if quick else asked.frames, len(job.deal))

@@ -88,14 +88,14 @@ def make_folder(folder: Location) -> None:
         folder.mkdir(parents=True, exist_ok=True)
 
 
-def require_folder_above(path: Path, option: str) -> None:
-    """Refuse a file whose folder cannot be made: see :func:`make_folder`.
+def require_folder(folder: Path, option: str, expected: str = "a folder") -> None:
+    """Refuse a folder that cannot be made: see :func:`make_folder`.
 
-    :raises InputError: where a folder above it would be there is a file
+    :raises InputError: where it or a folder above it would be there is a file
     """
-    above = next(folder for folder in path.absolute().parents if os.path.exists(folder))
-    if not os.path.isdir(above):
-        raise InputError(option, f"{path}: {above} is a file", "a file in a folder")
+    there = next(path for path in (folder, *folder.parents) if os.path.exists(path))
+    if not os.path.isdir(there):
+        raise InputError(option, f"{there} is a file", expected)
 
 
 def remove_folder(folder: Location) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from datafactory.scenes.city.shapes import Surface
 from datafactory.scenes.city.site import Placement
 from datafactory.scenes.usd_library import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade
-from shared.dataset.writing import atomic, make_folder, require_folder_above
+from shared.dataset.writing import atomic, make_folder, require_folder
 from shared.physics.errors import InputError
 
 SUFFIXES = (".usd", ".usda", ".usdc")
@@ -43,7 +43,7 @@ def check_output(path: Path) -> Path:
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(path, f"suffix {path.suffix!r}", f"one of {', '.join(SUFFIXES)}")
-    require_folder_above(path, "--out")
+    require_folder(path.parent, "--out", "a file in a folder")
     if os.path.isdir(path):  # unlike Path.is_dir it also answers for a name that the file system refuses
         raise InputError(path, "is a folder", "the name of a file")
     return path
