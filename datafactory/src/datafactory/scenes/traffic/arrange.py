@@ -38,11 +38,14 @@ LARGEST_DENSITY = 100.0
 """One a metre: more than has room of any kind."""
 PER_100_M = "/100m"
 """Behind the number of a density."""
-CARS = ("saloon", "hatchback", "suv", "van")
-CAR_SHARES = (0.35, 0.35, 0.2, 0.1)
-POLES = ("lamp", "traffic_light", "bollard")
-POLE_SHARES = (0.6, 0.15, 0.25)
-SIGNS = ("sign_round", "sign_triangle", "sign_octagon", "sign_panel")
+CHOICES: dict[str, tuple[tuple[str, ...], tuple[float, ...] | None]] = {
+    "cars": (("saloon", "hatchback", "suv", "van"), (0.35, 0.35, 0.2, 0.1)),
+    "poles": (("lamp", "traffic_light", "bollard"), (0.6, 0.15, 0.25)),
+    "signs": (("sign_round", "sign_triangle", "sign_octagon", "sign_panel"), None),
+}
+"""What the things of a kind may be, and with which shares; None: equal ones."""
+OVER_THE_ROAD = ("lamp", "bin", "bench")
+"""Furniture that is turned to the road: a lamp's arm lies along -y. The rest is turned to those who come."""
 REACH_M = 2.2
 """What is higher than this above the ground may reach over others: a lamp's arm."""
 HEADWAY_M = 18.0
@@ -222,9 +225,11 @@ def _streams(
 
 
 def _model(kind: str, rng: np.random.Generator) -> str:
-    if kind == "cars":
-        return str(rng.choice(CARS, p=CAR_SHARES))
-    return {"trucks": "truck", "buses": "bus", "cyclists": "cyclist", "pedestrians": "pedestrian"}[kind]
+    if kind in CHOICES:
+        names, shares = CHOICES[kind]
+        return str(rng.choice(names, p=shares))
+    one = {"trucks": "truck", "buses": "bus", "cyclists": "cyclist", "pedestrians": "pedestrian"}
+    return (one | {"bins": "bin", "benches": "bench"})[kind]
 
 
 def _parked(
@@ -262,23 +267,13 @@ def _furniture(
         while found < asked.counts.get(kind, 0) and free:
             number, side, along = free.pop()
             stretch, layout = roads[number]
-            what, turn = _piece(kind, side, rng)
+            what = _model(kind, rng)
+            turn = 0.0 if (side > 0.0) == (what in OVER_THE_ROAD) else np.pi
             left = side * (layout.kerb_m + FURNITURE_M)
             placement = standing(stretch, ground, kind, what, along, left, turn)
             if placement is not None:
                 found += 1
                 yield placement
-
-
-def _piece(kind: str, side: float, rng: np.random.Generator) -> tuple[str, float]:
-    """An asset, and how far it is turned from the road's heading [rad]: arms over the road, signs to those who come."""
-    if kind == "poles":
-        what = str(rng.choice(POLES, p=POLE_SHARES))
-        over_the_road = 0.0 if side > 0.0 else np.pi  # an arm lies along -y
-        return what, over_the_road if what == "lamp" else (0.0 if side < 0.0 else np.pi)
-    if kind == "signs":
-        return str(rng.choice(SIGNS)), (0.0 if side < 0.0 else np.pi)
-    return {"bins": "bin", "benches": "bench"}[kind], (0.0 if side > 0.0 else np.pi)
 
 
 def standing(
