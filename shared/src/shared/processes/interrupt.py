@@ -6,7 +6,10 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from types import FrameType
+
+from shared.processes.lazy import refuse_namesake
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C or a request to end: 128 and the number of SIGINT."""
@@ -55,6 +58,18 @@ def _not_raised(unraisable: sys.UnraisableHookArgs) -> None:
         signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
     else:
         sys.__unraisablehook__(unraisable)
+
+
+def begin(program: str) -> None:
+    """Where a program begins: run ``main`` of the package's ``cli.app``.
+
+    A stranger's package of this name may have replaced our ``__init__`` and left its entry: it is asked for here too.
+    """
+    try:
+        refuse_namesake(program)
+    except ImportError as error:
+        raise SystemExit(f"{program}: {error}") from None
+    run_command(program, lambda: import_module(f"{program}.cli.app").main)
 
 
 def run_command(program: str, load: Callable[[], Callable[[], None]]) -> None:

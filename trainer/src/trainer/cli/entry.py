@@ -2,6 +2,6 @@
 
 from functools import partial
 
-from shared.cli.entry import begin
+from shared.processes.interrupt import begin
 
 main = partial(begin, "trainer")
