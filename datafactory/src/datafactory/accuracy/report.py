@@ -68,21 +68,6 @@ def table_rows(rows: Sequence[Row]) -> list[tuple[str, ...]]:
     ]
 
 
-def write_tables(rows: Sequence[Row], directory: Path) -> list[Path]:
-    """``accuracy.parquet`` and ``accuracy.csv``; in the latter ``stage_seconds`` is JSON.
-
-    :raises OSError: the folder cannot be written
-    """
-    parquet, text = directory / "accuracy.parquet", directory / "accuracy.csv"
-    with atomic(parquet) as partial:
-        pq.write_table(pa.Table.from_pylist([asdict(row) for row in rows]), partial)
-    with atomic(text) as partial, partial.open("w", encoding="utf-8", newline="") as handle:
-        writer = csv.DictWriter(handle, [item.name for item in fields(Row)])
-        writer.writeheader()
-        writer.writerows({**asdict(row), "stage_seconds": json.dumps(row.stage_seconds)} for row in rows)
-    return [parquet, text]
-
-
 BLUE, RED, GREY, LIGHT = "#1f5fa8", "#c4282d", "#555555", "#c9d6e6"
 STAGE_NAMES = {
     "trace": "trace the rays", "delays and spread": "input cube", "range-Doppler": "range-Doppler spectra",
@@ -193,11 +178,17 @@ def _plain(axis: Axes, title: str, grid: Literal["both", "x"], bare: Sequence[st
         axis.spines[side].set_visible(False)
 
 
-def write_picture(rows: Sequence[Row], title: str, directory: Path) -> Path:
-    """``accuracy.png``.
+def write(rows: Sequence[Row], title: str, directory: Path) -> list[Path]:
+    """``accuracy.parquet``, ``accuracy.csv`` and ``accuracy.png``; in the table of text ``stage_seconds`` is JSON.
 
     :raises OSError: the folder cannot be written
     """
-    path = directory / "accuracy.png"
-    save_figure(draw(rows, title), path, 100)
-    return path
+    parquet, text, picture = (directory / f"accuracy.{suffix}" for suffix in ("parquet", "csv", "png"))
+    with atomic(parquet) as partial:
+        pq.write_table(pa.Table.from_pylist([asdict(row) for row in rows]), partial)
+    with atomic(text) as partial, partial.open("w", encoding="utf-8", newline="") as handle:
+        writer = csv.DictWriter(handle, [item.name for item in fields(Row)])
+        writer.writeheader()
+        writer.writerows({**asdict(row), "stage_seconds": json.dumps(row.stage_seconds)} for row in rows)
+    save_figure(draw(rows, title), picture, 100)
+    return [parquet, text, picture]

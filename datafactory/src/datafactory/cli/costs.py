@@ -111,5 +111,5 @@ def accuracy(asked: AccuracyOptions) -> None:
         f"{scene}: {count} frame{'s' if count > 1 else ''}, seed {asked.seed}, radar {order.radar.name}, "
         f"{menu.usual_rays} rays, images in batches of {batch}"
     )
-    for path in (*report.write_tables(rows, out), report.write_picture(rows, title, out)):
+    for path in report.write(rows, title, out):
         console.print(f"wrote {path}")
