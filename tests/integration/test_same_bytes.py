@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from factory_command import but_made, frames_of, run, shards
 from prepared_scenes import TINY
 
+from datafactory.frame.draws import frame_seed
 from shared.physics.errors import InputError
 
 
@@ -18,7 +20,7 @@ def test_rendered_traced_and_rendered_from_traces(radar_file: Path, tmp_path: Pa
     kinds = {
         "render": ("render", *scene, "--points", 3),
         "trace": ("trace", *scene, "--effects", "specular,diffuse"),
-        "paths": ("render", "--paths", tmp_path / "trace-whole", "--radar", radar_file, "--seed", 3, "--workers", 1),
+        "paths": ("render", "--paths", tmp_path / "trace-whole", "--radar", radar_file, "--workers", 1),
     }
     for name, arguments in kinds.items():
         run(*arguments, "--out", tmp_path / f"{name}-whole")
@@ -28,6 +30,21 @@ def test_rendered_traced_and_rendered_from_traces(radar_file: Path, tmp_path: Pa
         merged, whole = tmp_path / name, tmp_path / f"{name}-whole"
         assert shards(merged) == shards(whole)
         assert json.dumps(but_made(merged)) == json.dumps(but_made(whole))
+
+
+def test_another_seed_draws_other_noise_of_the_same_paths(radar_file: Path, tmp_path: Path) -> None:
+    run("trace", TINY, "--radar", radar_file, "--rays", 500, "--frames", 2, "--seed", 3, "--out", tmp_path / "traced")
+    stored = ("render", "--paths", tmp_path / "traced", "--radar", radar_file)
+    run(*stored, "--out", tmp_path / "its-own")
+    run(*stored, "--seed", 4, "--out", tmp_path / "another")
+    others = frames_of(tmp_path / "another")
+    for number, (_, one) in frames_of(tmp_path / "its-own").items():
+        _, other = others[number]
+        assert (one.seed, other.seed) == (frame_seed(3, one.frame_id), frame_seed(4, one.frame_id))
+        assert one.sensor_position == other.sensor_position
+        assert not np.array_equal(one.range_channel, other.range_channel)
+        strong = np.array_equal(one.velocity[0], other.velocity[0])  # rows in other Doppler cells show other echoes
+        assert not strong or np.array_equal(one.image, other.image)
 
 
 def test_camera_pictures_wait_for_the_merge(tmp_path: Path) -> None:

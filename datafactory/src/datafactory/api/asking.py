@@ -235,7 +235,7 @@ def order_of(asked: OrderOptions, synthesis: bool = True) -> Order:
     :raises InputError: a file that cannot be read, options that exclude each other, nothing to render
     """
     traced = asked.paths is not None
-    scenes = scenes_of(asked.scenes, asked, asked.seed)
+    scenes = scenes_of(asked.scenes, asked, asked.seed or 0)
     if scenes and traced:
         raise InputError("--scene", "given together with --paths", "either --scene or --paths")
     for item in declared(OrderOptions):
@@ -275,7 +275,7 @@ def order_of(asked: OrderOptions, synthesis: bool = True) -> Order:
         stored=rows,
         frames=frames,
         points=asked.points,
-        seed=asked.seed,
+        seed=(folder.arguments.seed if folder else 0) if asked.seed is None else asked.seed,
         split=asked.split or (folder and folder.arguments.split) or DEFAULT_PATTERN,
         poses=poses,
         tracks=tracks,

@@ -223,6 +223,8 @@ class OrderOptions(DeviceOptions, OutputOptions, SignalOptions, EffectOptions, S
     """What an order is made of."""
 
     frames: Annotated[int | None, replace(FRAMES, least=0)] = None
+    seed: Annotated[int | None, replace(SEED, help=f"{SEED.help} With --paths that of their trace; another one "
+                                        "draws other noise.", usual=0)] = None
     points: Annotated[int, Option(
         "Close-target frames to add.", "Without scenes these are None, and ``frames`` 0.", least=0)] = 0
     targets: Annotated["TargetsLike", replace(TARGETS, shown=False)] = ()

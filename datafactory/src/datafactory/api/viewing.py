@@ -73,7 +73,7 @@ def _traced_before(asked: ViewOptions, folder: Location) -> Subject:
     order = order_of(common(OrderOptions, asked, **ours))
     assert order.traced is not None  # by its paths
     _require_frame(asked.frame, len(order.stored))
-    traced = StoredSource(order.stored[asked.frame], order.of_scenes).traced(order.radar)
+    traced = StoredSource(order.stored[asked.frame], 0, order.of_scenes).traced(order.radar)
     _, paths = narrowed(traced, order.of_scenes, order.radar)
     entry = order.traced.scenes[traced.scene_number]
     (given,) = scenes_of(entry.get("source", "") if asked.scene is None else asked.scene, asked, asked.seed)

@@ -137,14 +137,18 @@ class SceneSource:
 
 @dataclass(frozen=True)
 class StoredSource:
-    """A scene frame that was traced before."""
+    """A scene frame that was traced before.
+
+    :param seed: the frame's own, of what is drawn from now on: noise
+    """
 
     row: StoredRow
+    seed: int
     settings: ChainSettings
 
     def traced(self, radar: Radar, at: Hook = plainly) -> TracedFrame:
         """The row."""
-        return at("read", read_frame_paths, self.row.shard, self.row.row)
+        return replace(at("read", read_frame_paths, self.row.shard, self.row.row), seed=self.seed)
 
 
 @dataclass(frozen=True)

@@ -83,7 +83,7 @@ class Job:
         if frame.kind == "points":
             return PointSource(frame, self.settings)
         if frame.stored is not None:
-            return StoredSource(frame.stored, self.of_scenes)
+            return StoredSource(frame.stored, frame.seed, self.of_scenes)
         return SceneSource(frame, self.scenes[frame.scene], self.of_scenes)
 
     def rows(self, frame_ids: Sequence[int], at: Hook) -> Iterator[tuple[pa.RecordBatch, Counter[str]]]:

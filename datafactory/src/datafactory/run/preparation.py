@@ -51,6 +51,7 @@ class _Trace(BaseModel):
 class _Arguments(BaseModel):
     radar: _Radar
     effects: tuple[str, ...]
+    seed: int = 0
     split: str | None = None
     trace: _Trace = _Trace()
     poses: list[Any] = []
