@@ -38,7 +38,7 @@ class ChirpProfile(Described):
     :param chirps: of each TX in a frame ("loops")
     :param tx: numbers of the TX as the board has them, from 1, in the order they send; all by default
     :param rx: numbers of the RX that were recorded, rising; all by default
-    :param real: True where the converter records the in-phase signal alone
+    :param real: True where the converter records the in-phase signal alone; the board's where it is not stated
     """
 
     start_frequency_hz: Frequency
@@ -51,7 +51,7 @@ class ChirpProfile(Described):
     chirps: Annotated[int, Field(ge=1, le=2**16)]
     tx: tuple[Number, ...] = ()
     rx: tuple[Number, ...] = ()
-    real: bool = False
+    real: bool | None = None
 
     @model_validator(mode="after")
     def _within_the_ramp(self) -> ChirpProfile:
@@ -91,17 +91,18 @@ class ChirpProfile(Described):
         )
 
 
-def read_cfg(path: Path) -> ChirpProfile:
-    """The chirps of a configuration of the mmWave SDK's demos: ``channelCfg``, ``adcCfg``, ``profileCfg``, ``chirpCfg``
-    and ``frameCfg`` (mmWave SDK user guide, "Configuration file format").
+def read_cfg(path: Path) -> tuple[ChirpProfile, bool | None]:
+    """(the chirps of a configuration of the mmWave SDK's demos, whether Q comes first; None where it does not say).
+
+    Of ``channelCfg``, ``adcCfg``, ``profileCfg``, ``chirpCfg`` and ``frameCfg`` (mmWave SDK user guide, "Configuration
+    file format"); the order of I and Q is ``SampleSwap`` of ``adcbufCfg``.
 
     :raises InputError: a line that is missing, not understood, or that asks for what is not supported
     """
     lines = _lines(path)
     profile, frame = _numbers(path, lines, "profileCfg", 11), _numbers(path, lines, "frameCfg", 3)
     channel = _numbers(path, lines, "channelCfg", 2)
-    adc = _numbers(path, lines, "adcCfg", 2) if "adcCfg" in lines else [2.0, 1.0]
-    tx = _senders(path, lines, profile[0], frame)
+    tx = _senders(path, lines, profile[0], frame, _set_bits(int(channel[1])))
     stated = {
         "start_frequency_hz": profile[1] * 1e9,
         "idle_time_s": profile[2] * 1e-6,
@@ -113,16 +114,30 @@ def read_cfg(path: Path) -> ChirpProfile:
         "chirps": int(frame[2]),
         "tx": tx,
         "rx": _set_bits(int(channel[0])),
-        "real": adc[1] == 0,
+        "real": _numbers(path, lines, "adcCfg", 2)[1] == 0 if "adcCfg" in lines else None,
     }
-    return validated(ChirpProfile, stated, f"{path}: profileCfg")
+    return validated(ChirpProfile, stated, f"{path}: profileCfg"), _quadrature_first(path, lines)
+
+
+def _quadrature_first(path: Path, lines: dict[str, list[list[str]]]) -> bool | None:
+    """What ``SampleSwap`` says: "0 - I in LSB, Q in MSB; 1 - Q in LSB, I in MSB" (the SDK's ``MmwDemo_ADCBufCfg``).
+
+    A sample is one little-endian word in the buffer that the lanes send, so that its LSB comes first.
+    """
+    if "adcbufCfg" not in lines:
+        return None
+    numbers = _numbers(path, lines, "adcbufCfg", 4)
+    swap = numbers[1 if len(numbers) == 4 else 2]  # the demos of the first SDKs name no subframe before
+    if swap not in (0.0, 1.0):
+        raise InputError(path, f"adcbufCfg: SampleSwap = {swap:g}", "0 where I comes first, 1 where Q does")
+    return swap == 1.0
 
 
 def _lines(path: Path) -> dict[str, list[list[str]]]:
     """The words after each command, by command."""
     expected = "a configuration of the mmWave SDK"
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(path, f"not readable: {error}", expected) from error
     found: dict[str, list[list[str]]] = {}
@@ -151,10 +166,13 @@ def _as_numbers(path: Path, command: str, words: list[str], count: int) -> list[
     return numbers
 
 
-def _senders(path: Path, lines: dict[str, list[list[str]]], profile: float, frame: list[float]) -> tuple[int, ...]:
+def _senders(
+    path: Path, lines: dict[str, list[list[str]]], profile: float, frame: list[float], on: tuple[int, ...]
+) -> tuple[int, ...]:
     """The TX that the chirps of a frame are sent by, one after the other.
 
     :param profile: number of the one that there is
+    :param on: numbers of the TX that are switched on
     """
     first, last = int(frame[0]), int(frame[1])
     masks: dict[int, int] = {}
@@ -174,6 +192,9 @@ def _senders(path: Path, lines: dict[str, list[list[str]]], profile: float, fram
         if len(numbers_of_tx) != 1:
             problem = f"chirp {chirp} is sent by TX {list(numbers_of_tx)}"
             raise InputError(path, problem, "one TX a chirp; BPM, DDM and beamforming are not supported")
+        if numbers_of_tx[0] not in on:
+            problem = f"chirp {chirp} is sent by TX {numbers_of_tx[0]}"
+            raise InputError(path, problem, f"one of TX {list(on)}, which channelCfg switches on")
     return tuple(numbers_of_tx[0] for numbers_of_tx in senders)
 
 

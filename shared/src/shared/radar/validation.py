@@ -146,11 +146,11 @@ def _models_in(annotation: object) -> list[type[BaseModel]]:
 
 
 def read_toml(path: Path, expected: str = "a TOML file in UTF-8") -> dict[str, Any]:
-    """The entries of a TOML file.
+    """The entries of a TOML file, which may begin with the mark that editors of Windows write.
 
     :raises InputError: missing, not UTF-8, not TOML
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, OSError) as error:
         raise InputError(path, f"not readable as TOML: {error}", expected) from error

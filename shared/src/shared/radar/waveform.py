@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from jaxtyping import Float64, Int64, Real
@@ -29,7 +29,7 @@ class Waveform(Described):
     :param chirp_interval_s: time from one chirp of a TX to its next [s]
     :param chirps: chirps a frame
     :param samples: complex samples a chirp
-    :param range_bins: range bins kept, from range 0
+    :param range_bins: range bins kept, from range 0; as many as samples where these are fewer and it is not stated
     :param multiplexing: how the TX share the time: "simultaneous" or "tdm"
     :param residual_video_phase: add the term -mu tau^2 / 2 that eq. (1) leaves out
     """
@@ -43,6 +43,14 @@ class Waveform(Described):
     range_bins: Annotated[int, Field(ge=1)] = 630
     multiplexing: Literal["simultaneous", "tdm"] = "simultaneous"
     residual_video_phase: bool = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_more_bins_than_samples(cls, given: Any) -> Any:
+        samples = given.get("samples") if isinstance(given, dict) and "range_bins" not in given else None
+        if isinstance(samples, int) and samples < cls.model_fields["range_bins"].default:
+            return {**given, "range_bins": samples}
+        return given
 
     @model_validator(mode="after")
     def _consistent(self) -> Waveform:
