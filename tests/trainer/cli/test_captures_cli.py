@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -11,9 +12,12 @@ from command_line import ended
 from oracles import reference_file
 from raw_files import radar_of, scene, write_two_lanes
 
+from shared.physics.errors import InputError
+from shared.radar import load_radar
 from shared.signal.imaging import steering_matrix
 from shared.signal.signal import if_signal
-from trainer import predict
+from shared.signal.tdm import statement
+from trainer import import_capture, predict
 from trainer.captures.cube_file import read_cube
 from trainer.data.measurements import open_measurements
 
@@ -48,6 +52,53 @@ def test_an_empty_first_frame_is_told_and_has_no_points(tmp_path: Path) -> None:
     listed = [len(lines) for lines in pq.read_table(tmp_path / "out/images.parquet")["detections"]]
     assert listed[0] == 0
     assert 2 <= min(listed[1:]) <= max(listed) <= 12
+
+
+@pytest.mark.parametrize(("chirps", "told"), [(1, None), (2, None), (3, "velocities to ")])
+def test_velocities_are_told_as_far_as_they_go(tmp_path: Path, chirps: int, told: str | None) -> None:
+    """Of two chirps there are none; of three the axis ends at half its span, where the line on TDM has it too."""
+    radar_of(tmp_path, "iwr1843", "tx = [1, 3]\n")
+    text = (tmp_path / "capture.toml").read_text(encoding="utf-8").replace("chirps = 4", f"chirps = {chirps}")
+    (tmp_path / "capture.toml").write_text(text, encoding="utf-8")
+    radar = load_radar(tmp_path / "capture.toml")
+    write_two_lanes(tmp_path / "adc.bin", scene(radar), radar)
+    common = ("--board", "iwr1843", "--radar", tmp_path / "capture.toml")
+    code, said, _ = ended("trainer", "import", tmp_path / "adc.bin", *common, "--out", tmp_path / "cube.npz")
+    assert code == 0
+    line = str(statement(radar))
+    if told is None:
+        assert "velocities to" not in said
+        assert line == "TDM of 2 TX: frames of fewer than three chirps tell no velocity; what moves has a wrong angle"
+    else:
+        half = radar.waveform.velocity_span_mps / 2.0
+        assert f"velocities to {half:.2f} m/s" in said
+        assert f"from {-half:.3g} to {half:.3g} m/s" in line
+
+
+@pytest.mark.parametrize(("frames", "count"), [("1:", 2), (":2", 2), ("1:2", 1), ("0:5", 3)])
+def test_frames_are_chosen_by_their_begin_and_end(tmp_path: Path, frames: str, count: int) -> None:
+    radar = radar_of(tmp_path, "iwr1642")
+    write_two_lanes(tmp_path / "adc.bin", scene(radar, 3), radar)
+    common = ("--board", "iwr1642", "--radar", tmp_path / "capture.toml", "--out", tmp_path / "cube.npz")
+    code, said, _ = ended("trainer", "import", tmp_path / "adc.bin", *common, "--frames", frames)
+    assert code == 0
+    assert f"{count} frames of 4 chirps" in said
+    assert (f"frames 0 to 2 of {tmp_path / 'adc.bin'}, which has no more" in said) == (frames == "0:5")
+
+
+@pytest.mark.parametrize("frames", ["1", ":", "1:3", (0, 2.5), (0,), (None, 2), (0, 1, 2), 3])
+def test_frames_that_are_none_are_one_line_in_python_too(tmp_path: Path, frames: Any) -> None:
+    """They were errors of Python's own. A path of a radar file is taken as its text is."""
+    radar = radar_of(tmp_path, "iwr1642")
+    write_two_lanes(tmp_path / "adc.bin", scene(radar), radar)
+    given: dict[str, Any] = {"capture": tmp_path / "adc.bin", "radar": tmp_path / "capture.toml"}
+    with pytest.raises(InputError, match=r"--frames: .*; expected a pair of whole numbers, e.g. \(0, 10\)"):
+        import_capture("iwr1642", **given, out=tmp_path / "cube.npz", frames=frames)
+    assert import_capture("iwr1642", **given, out=tmp_path / "cube.npz", frames=(0, None)).frames == 1
+    if isinstance(frames, str) and frames != "1:3":
+        common = ("--board", "iwr1642", "--radar", tmp_path / "capture.toml", "--out", tmp_path / "b.npz")
+        code, _, said = ended("trainer", "import", tmp_path / "adc.bin", *common, f"--frames={frames}")
+        assert (code, said) == (2, f"trainer: --frames: {frames!r}; expected BEGIN:END, e.g. 0:10\n")
 
 
 def test_noise_of_0_beside_samples_is_refused(tmp_path: Path) -> None:

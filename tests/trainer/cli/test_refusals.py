@@ -98,7 +98,7 @@ FIT = [
     ("{data} --out {here}", "--out: {here} is not empty"),
     ("{data} --resume", "--array: sparse6 uses RX 15"),
     ("{data} --array full --out {here} --resume", "--resume: {here} holds no run"),
-    ("{data} --array sparse5", "--array: no named array and no file 'sparse5'"),
+    ("{data} --array sparse5", "--array: no named array and no file 'sparse5'; expected a TOML file or one of full, s"),
     ("{data} --array {here}/rx9.toml", "--array: {here}/rx9.toml uses RX 9"),
     ("{data} --array {here}/falling.toml", "{here}/falling.toml: rx = [2, 0]; expected rising"),
     ("{data} --array {here}/broken.toml", "{here}/broken.toml: not readable as TOML"),

@@ -100,6 +100,8 @@ def statement(radar: Radar) -> str | None:
     if not turns(radar).any():
         return None
     span, known, tx_count = radar.waveform.velocity_span_mps, radar.velocity_intervals, len(radar.array.tx_m)
+    if not radar.waveform.tells_velocity:
+        return f"TDM of {tx_count} TX: frames of fewer than three chirps tell no velocity; what moves has a wrong angle"
     limit = 0.5 * span * known
     told = "no virtual elements of different TX coincide, so that nothing resolves the Doppler ambiguity"
     if known > 1:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
-from shared.radar import Radar
+from shared.radar import CaptureRadar, Radar
 from trainer.captures.options import Reading
 from trainer.captures.samples import as_cube, chosen_frames
 
@@ -53,17 +53,18 @@ def parse_axes(text: str) -> Axes:
 
 
 def read_array_capture(
-    path: Path, radar: Radar, reading: Reading, arrays: Mapping[str, NDArray[Any]]
+    path: Path, of_board: CaptureRadar, reading: Reading, arrays: Mapping[str, NDArray[Any]]
 ) -> tuple[NDArray[np.complex64], str]:
     """([frame, chirp, sample, C] in the file's unit, the axes that were taken).
 
-    Real arrays without an axis "iq" are real samples. Whole numbers from 0 to 65535 of which some are beyond 32767 are
-    16-bit numbers with a sign that was lost, as in a capture that was read as uint16.
+    Real arrays without an axis "iq" are real samples, and what is read must have them. Whole numbers from 0 to 65535 of
+    which some are beyond 32767 are 16-bit numbers with a sign that was lost, as in a capture that was read as uint16.
 
     :param arrays: of the file
-    :raises InputError: no array that fits the radar, several, or samples that are not finite
+    :raises InputError: no array that fits the radar, several, real samples for complex ones or the other way round, or
+        samples that are not finite
     """
-    axes, variable = reading.axes, reading.variable
+    radar, axes, variable = of_board.radar, reading.axes, reading.variable
     arrays = {name: values for name, values in arrays.items() if values.dtype.kind in "iufc"}
     if variable is not None and variable not in arrays:
         raise InputError(path, f"no array {variable!r}", f"one of {sorted(arrays)}")
@@ -83,6 +84,11 @@ def read_array_capture(
     values = candidates[name]
     if np.iscomplexobj(values):
         values, words = np.stack([values.real, values.imag], axis=-1), [*words, "iq"]
+    if ("iq" in words) is of_board.real:
+        kinds = ("complex", "real") if of_board.real else ("real", "complex")
+        how = "real numbers, or where the board has Q real = false" if of_board.real else "complex numbers, an axis iq, or real = true"
+        problem = f"{name} has {kinds[0]} samples, radar {radar.name!r} {kinds[1]} ones"
+        raise InputError(path, problem, f"{how} under [capture]")
     words += [word for word in NAMES if word not in words]
     values = with_sign(values).reshape([lengths.get(word, 1) for word in words])
     chosen = chosen_frames(path, values.shape[words.index("frame")], reading.frames, radar)

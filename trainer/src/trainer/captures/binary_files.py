@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
 from shared.radar import CaptureRadar
-from trainer.captures.options import Reading
+from trainer.captures.options import Frames, Reading
 from trainer.captures.samples import Sizes, as_cube, chosen_frames, frames_there, read_numbers, sizes_of
 
 Lanes = Literal["2-lane", "4-lane"]
@@ -46,10 +46,8 @@ def read_dca1000(path: Path, of_board: CaptureRadar, reading: Reading, lanes: La
     :param of_board: the RX of a "4-lane" file are its lanes, by default the first ones
     :raises InputError: a file whose size does not fit, that is empty, or whose numbers cannot be samples
     """
-    radar = of_board.radar
-    wide = lanes == "4-lane"
-    sizes = sizes_of(radar, of_board.real, LANES if wide else None)
-    chosen = chosen_frames(path, frames_there(path, sizes), reading.frames, radar)
+    radar, wide, sizes = of_board.radar, lanes == "4-lane", sizes_of_lanes(of_board, lanes)
+    chosen = chosen_frames(path, frames_there(path, sizes, reading.frames), reading.frames, radar)
     numbers = read_numbers(path, sizes, chosen)
     shape, parts = (len(chosen), sizes.chirps, sizes.tx), 1 if sizes.real else 2
     if wide:
@@ -58,6 +56,11 @@ def read_dca1000(path: Path, of_board: CaptureRadar, reading: Reading, lanes: La
         return as_cube(numbers, ("frame", "chirp", "tx", "sample", "iq", "rx"), reading.order)
     numbers = numbers.reshape(-1, parts, parts).swapaxes(1, 2).reshape(*shape, sizes.rx, sizes.samples, parts)
     return as_cube(numbers, ("frame", "chirp", "tx", "rx", "sample", "iq"), reading.order)
+
+
+def sizes_of_lanes(of_board: CaptureRadar, lanes: Lanes) -> Sizes:
+    """What a frame has in a file of a DCA1000."""
+    return sizes_of(of_board.radar, of_board.real, LANES if lanes == "4-lane" else None)
 
 
 def cascade_files(path: Path) -> list[Path]:
@@ -88,14 +91,14 @@ def read_cascade(path: Path, of_board: CaptureRadar, reading: Reading) -> NDArra
     radar = of_board.radar
     files, waveform = cascade_files(path), radar.waveform
     sizes = Sizes(waveform.chirps, len(radar.array.tx_m), RX_OF_DEVICE, waveform.samples, real=False)
-    counts = [_frames_of(file, sizes) for file in files]
-    if len(set(counts)) != 1:
+    counts = [_frames_of(file, sizes, reading.frames) for file in files]
+    if len(set(counts)) != 1 and reading.frames is None:
         told = ", ".join(f"{device} {count}" for device, count in zip(DEVICES, counts, strict=True))
         raise InputError(files[0], f"frames of {told}", "the same number of each device")
     numbers = of_board.rx or tuple(range(1, len(DEVICES) * RX_OF_DEVICE + 1))
     if len(numbers) != len(radar.array.rx_m):
         raise InputError(path, f"RX {list(numbers)}", f"the {len(radar.array.rx_m)} RX of radar {radar.name!r}")
-    chosen = chosen_frames(files[0], counts[0], reading.frames, radar)
+    chosen = chosen_frames(files[0], min(counts), reading.frames, radar)
     shape = (len(chosen), sizes.chirps, sizes.tx, sizes.samples)
     recorded = np.empty((*shape, len(numbers), 2), np.int16)
     of_device, rx = np.divmod(np.array(numbers) - 1, RX_OF_DEVICE)
@@ -107,9 +110,9 @@ def read_cascade(path: Path, of_board: CaptureRadar, reading: Reading) -> NDArra
     return as_cube(recorded, ("frame", "chirp", "tx", "sample", "rx", "iq"), reading.order)
 
 
-def _frames_of(file: Path, sizes: Sizes) -> int:
-    """Frames of a data file; an index beside it must say the same."""
-    count = frames_there(file, sizes)
+def _frames_of(file: Path, sizes: Sizes, chosen: Frames | None) -> int:
+    """Whole frames of a data file. An index beside it must say the same, or more of one that was cut off."""
+    count, there = frames_there(file, sizes, chosen), file.stat().st_size
     index = file.with_name(file.name.replace("_data.bin", "_idx.bin"))
     if index.is_file():
         with index.open("rb") as handle:
@@ -117,7 +120,8 @@ def _frames_of(file: Path, sizes: Sizes) -> int:
         if len(header) != INDEX_HEADER.size:
             raise InputError(index, f"{len(header)} bytes", f"a header of {INDEX_HEADER.size}")
         told, size = INDEX_HEADER.unpack(header)[3:]
-        if told != count or size != file.stat().st_size:
-            problem = f"{told} frames in {size} bytes; {file.name} has {count} in {file.stat().st_size}"
+        cut = chosen is not None and told > count and size > there
+        if not cut and (told != count or size != there):
+            problem = f"{told} frames in {size} bytes; {file.name} has {count} in {there}"
             raise InputError(index, problem, "the index of this recording, and chirps as they were recorded")
     return count

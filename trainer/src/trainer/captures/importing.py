@@ -17,7 +17,14 @@ from shared.processes.declared import taking
 from shared.radar import CaptureRadar, Radar, board_radar, load_capture_radar
 from shared.radar.boards import BOARDS
 from trainer.captures.array_files import read_array_capture
-from trainer.captures.binary_files import DEVICES, LANES, Lanes, cascade_files, read_cascade, read_dca1000
+from trainer.captures.binary_files import (
+    DEVICES,
+    Lanes,
+    cascade_files,
+    read_cascade,
+    read_dca1000,
+    sizes_of_lanes,
+)
 from trainer.captures.calibration import Calibration, read_calibration
 from trainer.captures.cascade_calibration import read_cascade_calibration
 from trainer.captures.cube_file import Capture, Scale, measured_noise, write_cube
@@ -25,7 +32,6 @@ from trainer.captures.options import ImportOptions, Reading
 from trainer.captures.reading import SUFFIXES, read_arrays
 from trainer.captures.samples import (
     EXPECTED_SAMPLES,
-    FULL_SCALE,
     OTHER_SIDE_DB,
     chosen_frames,
     first_frame,
@@ -34,8 +40,11 @@ from trainer.captures.samples import (
     without_echo,
 )
 
-OTHER_LANES_DB = 3.0
-"""A file whose range profile is that much narrower as one of the other number of lanes is of another board."""
+DOUBTFUL_LANES_DB, OTHER_LANES_DB = 1.0, 3.0
+"""A file whose range profile is that much narrower as one of the other number of lanes may be, and is taken to be, of
+another board."""
+WORD_BITS = 16
+"""Of the numbers of .bin files; a converter of fewer bits leaves the upper ones to the sign."""
 LAYOUT_OF = {"iwr1443": "4-lane", "mmwcas": "cascade", "mmwcas-azimuth": "cascade"}
 """Of a board's .bin files; of the others "2-lane"."""
 
@@ -116,8 +125,8 @@ def read_capture(source: Path, reading: Reading) -> RawCapture:
             raise InputError("--layout", f"{reading.layout!r} of {source}", "no --layout: it is of .bin files")
         arrays = read_arrays(source)
         if any(name.startswith("calibResult/") for name in arrays):  # of TI's scripts, whole or not
-            order = None if reading.order == "iq" else reading.order
-            for option, value in (("--axes", reading.axes), ("--variable", reading.variable), ("--order", order)):
+            of_arrays = (("--axes", reading.axes), ("--variable", reading.variable), ("--order", reading.order))
+            for option, value in of_arrays:
                 if value is not None:
                     problem, expected = f"{value!r} of {source}", f"no {option}: TI's file says how it is laid out"
                     raise InputError(option, problem, expected)
@@ -125,20 +134,32 @@ def read_capture(source: Path, reading: Reading) -> RawCapture:
             radar = radar.of_one_chirp
             cube = read_cascade_calibration(source, arrays).samples(reading.board, radar)
         else:
-            cube, axes = read_array_capture(source, radar, reading, arrays)
+            cube, axes = read_array_capture(source, of_board, reading, arrays)
             notes.append(f"axes of {source}: {axes}")
         digest = sha256_of(source)
     else:
-        cube, digest = _of_binary(source, reading, of_board)
+        cube, digest = _of_binary(source, reading, of_board, notes)
+    begin, end = reading.frames or (0, None)
+    if end is not None and len(cube) < end - begin:
+        notes.append(f"frames {begin} to {begin + len(cube) - 1} of {source}, which has no more")
     if not cube.any():
         raise InputError(source, "all samples are 0", EXPECTED_SAMPLES)
     if empty := first_frame(cube):
         notes.append(f"empty frames first: {empty}; noise and dead channels are those of frame {empty}")
     if (excess := other_side_db(cube)) > OTHER_SIDE_DB:
-        notes.append(f"warning: the last range bins hold {excess:.0f} dB more than the first: see --order and --layout")
+        notes.append(
+            f"warning: the last range bins hold {excess:.0f} dB more than the first: is --order or --layout another? "
+            "An echo in the last two bins looks the same"
+        )
     converter = radar.front_end.converter
     if converter is not None:
-        cube *= np.float32(np.sqrt(dbm_to_watt(converter.full_scale_dbm)) / FULL_SCALE)
+        full_scale = 2 ** (converter.bits - 1)
+        parts = cube.view(np.float32)
+        largest = max(float(parts.max()), -float(parts.min())) / (2.0 if of_board.real else 1.0)
+        if converter.bits < WORD_BITS and largest > full_scale:
+            expected = f"at most {full_scale} of front_end.converter.bits = {converter.bits}, or the bits of the file"
+            raise InputError(source, f"samples of {largest:.0f} counts", expected)
+        cube *= np.float32(np.sqrt(dbm_to_watt(converter.full_scale_dbm)) / full_scale)
     scale: Scale = "relative" if converter is None else "sqrt(W)"
     return RawCapture(cube, radar, digest, scale, dead_channels(cube), tuple(notes))
 
@@ -149,11 +170,13 @@ def described(reading: Reading) -> CaptureRadar:
     :raises InputError: a radar file that is not right
     """
     if reading.radar is None:
-        return CaptureRadar(board_radar(reading.board, reading.mirror), BOARDS[reading.board]().profile.real)
-    return load_capture_radar(reading.radar, reading.board, reading.mirror)
+        return CaptureRadar(board_radar(reading.board, reading.mirror), bool(BOARDS[reading.board]().profile.real))
+    return load_capture_radar(str(reading.radar), reading.board, reading.mirror)
 
 
-def _of_binary(source: Path, reading: Reading, of_board: CaptureRadar) -> tuple[NDArray[np.complex64], str]:
+def _of_binary(
+    source: Path, reading: Reading, of_board: CaptureRadar, notes: list[str]
+) -> tuple[NDArray[np.complex64], str]:
     """([frame, chirp, sample, C] counts, SHA-256) of .bin files."""
     layout = reading.layout or LAYOUT_OF.get(reading.board, "2-lane")
     if reading.axes is not None or reading.variable is not None:
@@ -166,15 +189,40 @@ def _of_binary(source: Path, reading: Reading, of_board: CaptureRadar) -> tuple[
         names = f"a .bin of a DCA1000, {', '.join(SUFFIXES)}, or the folder of {' and '.join(DEVICES)} of a cascade"
         raise InputError("CAPTURE", f"{source}", names)
     lanes: Lanes = "4-lane" if layout == "4-lane" else "2-lane"
+    if reading.order is None and of_board.quadrature_first is not None and not of_board.real:
+        reading = replace(reading, order="qi" if of_board.quadrature_first else "iq")
+        swap = f"SampleSwap = {of_board.quadrature_first:d} of adcbufCfg says"
+        notes.append(f"order {reading.order}, as {swap}; --order goes before it")
     cube = read_dca1000(source, of_board, reading, lanes)
-    if reading.layout is None and len(of_board.radar.array.rx_m) == LANES and not of_board.real:
-        first = first_frame(cube) + (reading.frames[0] if reading.frames else 0)
-        other: Lanes = "2-lane" if lanes == "4-lane" else "4-lane"
-        turned = read_dca1000(source, of_board, replace(reading, frames=(first, first + 1)), other)
-        if (narrower := flatness_db(cube) - flatness_db(turned)) > OTHER_LANES_DB:
-            problem = f"as {other} its range profile is {narrower:.1f} dB narrower than as {lanes}"
-            raise InputError(source, problem, f"another board than {reading.board!r}, or --layout {lanes} if it is one")
+    if rest := source.stat().st_size % (2 * sizes_of_lanes(of_board, lanes).numbers):
+        notes.append(f"{source} ends within a frame: its last {rest} bytes are left out")
+    if reading.layout is None and not of_board.real:
+        notes += _other_lanes(source, reading, of_board, lanes, cube)
     return cube, sha256_of(source)
+
+
+def _other_lanes(
+    source: Path, reading: Reading, of_board: CaptureRadar, lanes: Lanes, cube: NDArray[np.complex64]
+) -> list[str]:
+    """A remark on a file that may be one of the other number of lanes.
+
+    :raises InputError: one that is by all appearances
+    """
+    other: Lanes = "2-lane" if lanes == "4-lane" else "4-lane"
+    numbers, of_other = (sizes_of_lanes(of_board, each).numbers for each in (lanes, other))
+    if reading.frames is None and source.stat().st_size % (2 * of_other):
+        return []
+    # The frame that holds the first one that is not empty, or its begin.
+    first = (first_frame(cube) + (reading.frames or (0,))[0]) * numbers // of_other
+    try:
+        turned = read_dca1000(source, of_board, replace(reading, frames=(first, first + 1)), other)
+    except InputError:  # no whole one, or zeros alone
+        return []
+    narrower = flatness_db(cube) - flatness_db(turned)
+    said = f"as {other} its range profile is {narrower:.1f} dB narrower than as {lanes}"
+    if narrower > OTHER_LANES_DB:
+        raise InputError(source, said, f"another board than {reading.board!r}, or --layout {lanes} if it is one")
+    return [f"warning: {said}: is it of another board than {reading.board!r}?"] if narrower > DOUBTFUL_LANES_DB else []
 
 
 def dead_channels(cube: NDArray[np.complex64]) -> tuple[int, ...]:
@@ -189,8 +237,7 @@ def dead_channels(cube: NDArray[np.complex64]) -> tuple[int, ...]:
 def _summary(out: Path, cube: NDArray[np.complex64], radar: Radar, capture: Capture) -> list[str]:
     waveform, array = radar.waveform, radar.array
     strongest = float(amplitude_to_db(np.abs(cube).max()))
-    # One chirp tells no velocity.
-    velocities = f", velocities to {-waveform.velocities_mps[0]:.2f} m/s" if waveform.chirps > 1 else ""
+    velocities = f", velocities to {waveform.velocity_span_mps / 2.0:.2f} m/s" if waveform.tells_velocity else ""
     lines = [
         f"{capture.frames} frames of {waveform.chirps} chirps x {waveform.samples} samples x {array.channels} channels "
         f"({len(array.tx_m)} TX, {len(array.rx_m)} RX) in {out}",

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import field
+from numbers import Integral
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
@@ -14,10 +15,14 @@ Order = Literal["iq", "qi"]
 LAYOUTS = ("2-lane", "4-lane", "cascade")
 
 
-def _frames(text: str) -> tuple[int, int]:
-    begin, _, end = text.partition(":")
+Frames = tuple[int, int | None]
+"""From the first to before the second, to the last where that is None."""
+
+
+def _frames(text: str) -> Frames:
+    begin, colon, end = text.partition(":")
     try:
-        return int(begin or 0), int(end)
+        return int(begin or 0), None if colon and begin and not end else int(end)
     except ValueError:
         raise InputError("--frames", f"{text!r}", "BEGIN:END, e.g. 0:10") from None
 
@@ -31,17 +36,28 @@ class BoardOptions(Options):
 class Reading(BoardOptions):
     """How a capture is read."""
 
-    radar: Annotated[str | None, Option(
+    radar: Annotated[Path | str | None, Option(
         "The capture's chirps: a radar file with a table 'capture', or a .cfg of the SDK.",
-        "Without it those of the board's preset.")] = None
+        "Without it those of the board's preset.", typed=str)] = None
     axes: Annotated[str | None, Option("Of an array, e.g. 'chirp (tx rx) sample'; guessed by its lengths.")] = None
     variable: Annotated[str | None, Option("Of several arrays in a file: its name.")] = None
     layout: Annotated[str | None, Option(
         f"Of a .bin: {either(LAYOUTS)}; the board's by default.", choices=LAYOUTS)] = None
-    order: Annotated[Order, Option("iq, or qi where Q comes first.", typed=str, choices=get_args(Order))] = "iq"
-    frames: Annotated[tuple[int, int] | None, Option(
-        "BEGIN:END, from the first to before the second; all by default.", typed=str, read=_frames)] = None
+    order: Annotated[Order | None, Option(
+        "iq, or qi where Q comes first; that of the .cfg by default, iq without.", typed=str,
+        choices=get_args(Order))] = None
+    frames: Annotated[Frames | None, Option(
+        "BEGIN:END, from the first to before the second; all by default.",
+        "A pair of numbers, the second of them None for the last frame.", typed=str, read=_frames)] = None
     mirror: Annotated[bool, Option("Exchange left and right of the board.")] = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        given: object = self.frames
+        pair = list(given) if isinstance(given, tuple | list) else []
+        whole = all(isinstance(number, Integral) for number in pair[: 1 if pair[1:] == [None] else 2])
+        if given is not None and not (len(pair) == 2 and whole):
+            raise InputError("--frames", repr(given), "a pair of whole numbers, e.g. (0, 10)")
 
 
 class CubeOptions(AnnouncingOptions, BoardOptions):

@@ -6,6 +6,7 @@ A reader gives the samples of some frames in the order of its format; :func:`as_
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,21 +16,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
+from shared.physics.units import db_to_power
 from shared.radar import Radar
 from shared.radar.radar import LARGEST_ARRAY
-from trainer.captures.options import Order
+from trainer.captures.options import Frames, Order
 
 LARGEST_CUBE = 3 * LARGEST_ARRAY
 """Bytes of all frames together: what a .npz is read up to."""
 DEAD_DB = 25.0
 """A channel that much weaker than the median channel has no echo: gains differ by a few dB."""
-FULL_SCALE = 2**15
-"""Of 16-bit samples, in counts."""
+PACKET = struct.pack("<IIIH", 1, 1456, 0, 0)
+"""The header of the first packet that a DCA1000 sends: its number, its length, and the bytes before it."""
 EXPECTED_SAMPLES = "a capture, or other frames with --frames"
 """Where all are 0."""
 NEAR_BINS, OTHER_SIDE_DB = 4, 10.0
 """TX leak into RX at a range of almost 0, in the first bins after bin 0. Where the last bins, which are those of
 negative frequencies, hold that much more, I and Q are the other way round, or the bytes are something else."""
+BESIDE_DB = 10.0
+"""What leaks stands beside bin 0: where the very last bin holds that much less than another of the last ones, that one
+holds an echo from the end of the range axis. Nothing tells an echo within the last two bins from the leak."""
 
 
 @dataclass(frozen=True)
@@ -63,22 +68,27 @@ def sizes_of(radar: Radar, real: bool, lanes: int | None = None) -> Sizes:
     return Sizes(waveform.chirps, len(array.tx_m), len(array.rx_m), waveform.samples, real, lanes)
 
 
-def frames_there(path: Path, sizes: Sizes) -> int:
-    """Frames of a file of 16-bit numbers, which must be whole.
+def frames_there(path: Path, sizes: Sizes, chosen: Frames | None = None) -> int:
+    """Whole frames of a file of 16-bit numbers. It may end within another one where some are chosen.
 
-    :raises InputError: no frame, or a part of one; with the sizes that would fit
+    :raises InputError: no frame, or a part of one, with the sizes that would fit; packets with their headers
     """
     try:
         there = path.stat().st_size
+        with path.open("rb") as handle:
+            begin = handle.read(len(PACKET))
     except OSError as error:
         raise InputError(path, f"not readable: {error.strerror}", "a capture") from error
+    if begin == PACKET:
+        raise InputError(path, "holds the headers of its packets", "the adc_data.bin that mmWave Studio makes of it")
     frame = 2 * sizes.numbers
     count, rest = divmod(there, frame)
-    if count and not rest:
+    if count and (not rest or chosen is not None):
         return count
     fitting = ", ".join(f"{n * frame}" for n in range(max(count, 1), max(count, 1) + 3))
     others = _that_fit(there, sizes)
     hint = f"; the file would fit {others}" if others and there else ""
+    hint += f"; whole frames in it: {count} (--frames 0:{count})" if count else ""
     raise InputError(path, f"{there} bytes", f"a multiple of {frame} ({sizes}): {fitting}, ...{hint}")
 
 
@@ -91,12 +101,13 @@ def _that_fit(there: int, sizes: Sizes) -> str:
     return " or ".join(name for name, kind in kinds if there >= 2 * kind.numbers and there % (2 * kind.numbers) == 0)
 
 
-def chosen_frames(path: Path, count: int, chosen: tuple[int, int] | None, radar: Radar) -> range:
+def chosen_frames(path: Path, count: int, chosen: Frames | None, radar: Radar) -> range:
     """Frames ``chosen[0]`` to ``chosen[1] - 1`` of ``count``, all by default.
 
     :raises InputError: none of them there, or more than a cube may hold
     """
-    begin, end = chosen or (0, count)
+    begin, last = chosen or (0, None)
+    end = count if last is None else last
     if not 0 <= begin < min(end, count):
         raise InputError("--frames", f"{begin}:{end} of {path}, which has {count}", f"a part of 0:{count}")
     frames = range(begin, min(end, count))
@@ -110,21 +121,19 @@ def chosen_frames(path: Path, count: int, chosen: tuple[int, int] | None, radar:
 def read_numbers(path: Path, sizes: Sizes, frames: range) -> NDArray[np.int16]:
     """[frame, numbers] of these frames, little-endian.
 
-    :raises InputError: not readable, all zero, or packets with their headers
+    :raises InputError: not readable, or all zero
     """
     try:
         start, size = 2 * frames.start * sizes.numbers, len(frames) * sizes.numbers
         numbers = np.fromfile(path, dtype="<i2", count=size, offset=start)
     except OSError as error:
         raise InputError(path, f"not readable: {error.strerror or error}", "a capture") from error
-    if tuple(numbers[:7]) == (1, 0, 1456, 0, 0, 0, 0):
-        raise InputError(path, "holds the headers of its packets", "the adc_data.bin that mmWave Studio makes of it")
     if not numbers.any():
         raise InputError(path, "all samples are 0", EXPECTED_SAMPLES)
     return numbers.reshape(len(frames), sizes.numbers)
 
 
-def as_cube(numbers: NDArray[Any], axes: Sequence[str], order: Order) -> NDArray[np.complex64]:
+def as_cube(numbers: NDArray[Any], axes: Sequence[str], order: Order | None) -> NDArray[np.complex64]:
     """[frame, chirp, sample, C] of real numbers with the axes "frame", "chirp", "tx", "rx", "sample" and "iq".
 
     The last is of length 2, or of length 1 where the samples are real. Twice a real sample A cos(phase) has
@@ -140,7 +149,7 @@ def as_cube(numbers: NDArray[Any], axes: Sequence[str], order: Order) -> NDArray
         samples = (2.0 * parts[0].astype(np.float32)).astype(np.complex64)
     else:
         samples = np.empty(parts.shape[1:], np.complex64)
-        samples.real, samples.imag = parts if order == "iq" else parts[::-1]
+        samples.real, samples.imag = parts[::-1] if order == "qi" else parts
     return np.ascontiguousarray(samples.reshape(*samples.shape[:3], -1))
 
 
@@ -170,11 +179,12 @@ def flatness_db(cube: NDArray[np.complex64]) -> float:
 
 def other_side_db(cube: NDArray[np.complex64]) -> float:
     """Power of the last range bins over that of the first ones, of the first frame that is not empty [dB]: large where
-    I and Q are the other way round."""
-    power = _range_profile(cube[first_frame(cube)])
+    I and Q are the other way round; 0 where that is an echo from the end of the range axis."""
+    power = _range_profile(cube[first_frame(cube)]) + np.finfo(np.float64).tiny
     bins = min(NEAR_BINS, max((len(power) - 1) // 2, 1))
-    tiny = np.finfo(np.float64).tiny
-    return float(10.0 * np.log10((power[-bins:].sum() + tiny) / (power[1 : bins + 1].sum() + tiny)))
+    if power[-bins:].max() > power[-1] * db_to_power(BESIDE_DB):
+        return 0.0
+    return float(10.0 * np.log10(power[-bins:].sum() / power[1 : bins + 1].sum()))
 
 
 def _range_profile(frame: NDArray[np.complex64]) -> NDArray[Any]:

@@ -74,6 +74,6 @@ def choose_array(name_or_path: str | Path, radar: Radar, option: str = "--array"
 
 def _from_file(path: Path, option: str) -> ArrayChoice:
     if not path.is_file():
-        known = ", ".join((FULL, *AVR_QDM_110_THINNED_RX))
+        known = ", ".join(AVR_QDM_110_THINNED_RX)
         raise InputError(option, f"no named array and no file {str(path)!r}", f"a TOML file or one of {known}")
     return validated(ArrayChoice, {"name": path.stem, **read_toml(path)}, path)
