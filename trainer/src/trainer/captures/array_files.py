@@ -85,10 +85,10 @@ def read_array_capture(
     if np.iscomplexobj(values):
         values, words = np.stack([values.real, values.imag], axis=-1), [*words, "iq"]
     if ("iq" in words) is of_board.real:
-        kinds = ("complex", "real") if of_board.real else ("real", "complex")
-        how = "real numbers, or where the board has Q real = false" if of_board.real else "complex numbers, an axis iq, or real = true"
-        problem = f"{name} has {kinds[0]} samples, radar {radar.name!r} {kinds[1]} ones"
-        raise InputError(path, problem, f"{how} under [capture]")
+        here, there, right = "real", "complex", "complex numbers, an axis iq, or real = true under [capture]"
+        if of_board.real:
+            here, there, right = "complex", "real", "real numbers, or real = false under [capture] where there is Q"
+        raise InputError(path, f"{name} has {here} samples, radar {radar.name!r} {there} ones", right)
     words += [word for word in NAMES if word not in words]
     values = with_sign(values).reshape([lengths.get(word, 1) for word in words])
     chosen = chosen_frames(path, values.shape[words.index("frame")], reading.frames, radar)
