@@ -12,7 +12,6 @@ import sysconfig
 import tomllib
 import venv
 import zipfile
-from email.message import Message
 from email.parser import BytesParser
 from functools import partial
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
@@ -121,11 +120,6 @@ def _can_build_here() -> bool:
         return False
 
 
-def _metadata(wheel: zipfile.ZipFile) -> Message:
-    (name,) = (name for name in wheel.namelist() if name.endswith(".dist-info/METADATA"))
-    return BytesParser().parsebytes(wheel.read(name))
-
-
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """The wheel of each package, built from a copy: no build folder is left in the checkout, no old one taken up."""
@@ -149,7 +143,8 @@ def test_a_wheel_holds_all_sources_licence_and_readme(package: str, wheels: dict
     source = ROOT / package / "src"
     with zipfile.ZipFile(wheels[package]) as wheel:
         names = {name for name in wheel.namelist() if ".dist-info/" not in name}
-        metadata = _metadata(wheel)
+        (described,) = (name for name in wheel.namelist() if name.endswith(".dist-info/METADATA"))
+        metadata = BytesParser().parsebytes(wheel.read(described))
         (licence,) = (name for name in wheel.namelist() if name.endswith("/licenses/LICENSE"))
         assert wheel.read(licence) == (ROOT / "LICENSE").read_bytes()
     assert names == {item.relative_to(source).as_posix() for item in source.rglob("*.py")} | DATA[package]

@@ -80,14 +80,10 @@ class Case:
         return illuminated(SceneSource(frame, self.scene, settings).traced(Radar()), settings, Radar())
 
 
-def first_pose(name: str) -> Pose:
-    return read_poses(EFFECTS / f"{name}.poses.json")[0]
-
-
 @lru_cache(maxsize=1)
 def case(name: str) -> Case:
     planned = EffectSet.of(EXPECTED[name]["effects"])
-    return Case(prepared_scene(EFFECTS / f"{name}.usda"), first_pose(name), planned)
+    return Case(prepared_scene(EFFECTS / f"{name}.usda"), read_poses(EFFECTS / f"{name}.poses.json")[0], planned)
 
 
 # Paths: power in a resolution cell of the truth

@@ -38,10 +38,6 @@ from datafactory.scenes.scene import SceneObject
 from datafactory.synthesis.cube import cube_of_paths
 
 
-def _moved(item: SceneObject, by: Sequence[float]) -> SceneObject:
-    return replace(item, vertices=item.vertices + np.asarray(by))
-
-
 def _specular_level_db(paths: PathTable, reference: PathTable) -> float:
     """Difference between the sums of specular amplitudes [dB]."""
     sums = [np.abs(table.specular.amplitude.sum()) for table in (paths, reference)]
@@ -56,7 +52,8 @@ def _diffuse_level_db(paths: PathTable, reference: PathTable) -> float:
 
 def _far_away() -> float:
     """Error of a mirror's image [m] in a scene 5500 km from its origin, against the world's own plane."""
-    paths = traced([_moved(wall_ahead(), UTM)], Pose(UTM))
+    wall = wall_ahead()
+    paths = traced([replace(wall, vertices=wall.vertices + np.asarray(UTM))], Pose(UTM))
     return float(np.abs(paths.specular.image[0] - [20.0, 0.0, 0.0]).max())
 
 

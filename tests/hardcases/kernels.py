@@ -67,14 +67,6 @@ def _any_motion(tolerance: float, array: AntennaArray | None = None, **waveform:
     return _sampled_error(points(range_m[:, None] * direction, speed[:, None] * heading), radar, tolerance, array)
 
 
-def _truth_sensor() -> AntennaArray:
-    return Radar().virtual_sensor
-
-
-def _cascade() -> AntennaArray:
-    return load_radar("mmwcas").array
-
-
 CASES = (
     HardCase("100 000 moving paths in one cell, Doppler lines", "float32 running sums lose digits", 1e-3, "relative",
              lambda: _moving_crowd(1e-3, alike=False)),
@@ -90,8 +82,9 @@ CASES = (
         for what, measure in (
             ("simultaneous", lambda tolerance=tolerance: _any_motion(tolerance)),
             ("TDM", lambda tolerance=tolerance: _any_motion(tolerance, multiplexing="tdm")),
-            ("256 elements of the truth", lambda tolerance=tolerance: _any_motion(tolerance, _truth_sensor())),
-            ("192 channels of a cascade", lambda tolerance=tolerance: _any_motion(tolerance, _cascade())),
+            ("256 elements of the truth", lambda tolerance=tolerance: _any_motion(tolerance, Radar().virtual_sensor)),
+            ("192 channels of a cascade",
+             lambda tolerance=tolerance: _any_motion(tolerance, load_radar("mmwcas").array)),
         )
     ),
     # At tighter tolerances the residual video phase sends all that moves to the exact kernel.

@@ -91,10 +91,6 @@ def plain(value: Any) -> Any:
     return str(value)
 
 
-def digest(value: Any) -> str:
-    return hashlib.sha256(pickle.dumps(plain(value))).hexdigest()
-
-
 def inspected(folder: Path) -> Any:
     """The tables, and the frames that are drawn."""
     dataset = open_dataset(folder)
@@ -159,7 +155,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def outcome(read: Read, folder: Path) -> str:
     try:
-        return digest(read(folder))
+        return hashlib.sha256(pickle.dumps(plain(read(folder)))).hexdigest()
     except InputError as error:
         return NOTICED if "\n" not in str(error) else str(error)
 

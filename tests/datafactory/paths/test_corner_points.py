@@ -272,17 +272,13 @@ def sorted_rows(*columns: NDArray) -> NDArray[np.float64]:
     return np.asarray(rows[np.lexsort(np.round(rows, 5).T)], dtype=np.float64)
 
 
-def edges_anew(scene: MergedScene) -> CornerEdges:
-    found = inspect.unwrap(corners._found_edges)(replace(scene, at_rest=None))
-    return found.moving_with(scene, found.face_mesh[:, 0])
-
-
 @pytest.mark.parametrize("time_s", [0.0, 0.7])
 @pytest.mark.parametrize("of", SCENES)
 def test_edges_of_kept_bodies_are_those_found_anew(of: str, time_s: float) -> None:
     scene = scene_of(*SCENES[of]).at(time_s)
-    found, whole = corners_of(scene), edges_anew(scene)
+    found, whole = corners_of(scene), inspect.unwrap(corners._found_edges)(replace(scene, at_rest=None))
     assert len(found) > 0
+    whole = whole.moving_with(scene, whole.face_mesh[:, 0])
     assert found.counts == whole.counts
 
     def rows(table: CornerEdges) -> NDArray[np.float64]:

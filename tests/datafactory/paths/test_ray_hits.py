@@ -154,10 +154,6 @@ def echoes(view: View, fan: RayFan) -> Bundle:
     return Arrivals.first(view, fan).echoes().thinned(1)
 
 
-def powers(bundle: Bundle, fan: RayFan) -> NDArray[np.float64]:
-    return np.abs(bundle.amplitude) ** 2 * fan.solid_angle_ratio(bundle.vertices[:, 0])
-
-
 def rays_a_cell(bundle: Bundle) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Middles [c] of the lit cells in range [m], and the rays [c] in each."""
     point = bundle.vertices[:, 0]
@@ -204,7 +200,7 @@ def test_the_expected_power_of_ground_and_of_a_thin_pole_stays():
         for row, sent in enumerate((fan, aimed(fan, view))):
             bundle = echoes(view, sent)
             pole = view.merged.owner[bundle.triangles[:, 0]] == 1
-            power = powers(bundle, sent)
+            power = np.abs(bundle.amplitude) ** 2 * sent.solid_angle_ratio(bundle.vertices[:, 0])
             totals[row, column] = power[~pole].sum(), power[pole].sum()
     means, errors = totals.mean(axis=1), totals.std(axis=1) / np.sqrt(len(fans))
     assert (means > 0.0).all()

@@ -11,22 +11,11 @@ from datafactory.paths.table import PathTable, ScatteredPaths
 from shared.radar import Radar
 
 
-def rng(seed: int = 0) -> np.random.Generator:
-    return np.random.default_rng(seed)
-
-
-def drawn_cells(paths: int = 20_000, cells: int = 900):
-    """Cells of 0 to 60 paths and of powers over 16 decades."""
-    random = rng(7)
-    cell = random.integers(cells, size=paths) * 17 - 31
-    return cell, random.exponential(size=paths) * 10.0 ** ((cell % 17) - 8)
-
-
 def test_any_part_of_a_cell_has_its_power_on_average():
     power = np.array([30.0, 9.0, 4.0, 3.0, 2.0, 1.0, 1.0, 0.5, 1e-3])
     cell = np.zeros(len(power), dtype=np.int64)
     sums, trials = np.zeros(len(power)), 40_000
-    random = rng(3)
+    random = np.random.default_rng(3)
     for _ in range(trials):
         index, factor = thinned(cell, power, 4, random)
         sums[index] += power[index] * factor
@@ -40,10 +29,10 @@ def test_any_part_of_a_cell_has_its_power_on_average():
 def test_few_paths_and_no_limit_change_nothing_and_the_dark_are_left_out():
     cell, power = np.array([5, 5, 2, 2, 5]), np.array([1.0, 2.0, 0.0, 4.0, 3.0])
     for most in (0, 3):
-        index, factor = thinned(cell, power, most, rng())
+        index, factor = thinned(cell, power, most, np.random.default_rng(0))
         np.testing.assert_array_equal(index, [0, 1, 3, 4])
         np.testing.assert_array_equal(factor, 1.0)
-    index, factor = thinned(np.zeros(0, dtype=np.int64), np.zeros(0), 4, rng())
+    index, factor = thinned(np.zeros(0, dtype=np.int64), np.zeros(0), 4, np.random.default_rng(0))
     assert len(index) == len(factor) == 0
 
 
@@ -87,11 +76,14 @@ def by_numpy(cell, power, most, random):
 
 
 def test_the_same_paths_are_kept_as_by_whole_arrays():
-    cell, power = drawn_cells(4000, 150)
+    # Cells of a few paths to dozens, and powers over 16 decades.
+    random = np.random.default_rng(7)
+    cell = random.integers(150, size=4000) * 17 - 31
+    power = random.exponential(size=4000) * 10.0 ** ((cell % 17) - 8)
     power[::11] = 0.0
     for most in (1, 3, 6):
-        index, factor = thinned(cell, power, most, rng(5))
-        expected, of_expected = by_numpy(cell, power, most, rng(5))
+        index, factor = thinned(cell, power, most, np.random.default_rng(5))
+        expected, of_expected = by_numpy(cell, power, most, np.random.default_rng(5))
         np.testing.assert_array_equal(index, expected)
         np.testing.assert_allclose(factor, of_expected, rtol=1e-12)
 

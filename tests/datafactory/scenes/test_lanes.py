@@ -206,11 +206,6 @@ def test_every_cell_of_a_region_lies_on_its_own_side_half_a_gap_from_the_next() 
 SHIPPED = ("street.usda", "street.xml")
 
 
-def corners_of(scene: Scene) -> NDArray[np.float64]:
-    """[T, 3, 3] of every triangle [m]."""
-    return np.concatenate([item.vertices[item.triangles] for item in scene.objects])
-
-
 def free_path(corners: NDArray[np.float64], start: NDArray[np.float64], way: NDArray[np.float64]) -> float:
     """Distance to the first triangle along a ray, by the test of Moeller and Trumbore on each; inf for none."""
     one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -228,10 +223,12 @@ def free_path(corners: NDArray[np.float64], start: NDArray[np.float64], way: NDA
 
 @pytest.fixture(scope="module", params=SHIPPED)
 def shipped(request: pytest.FixtureRequest) -> tuple[NDArray[np.float64], list[Pose]]:
+    """[T, 3, 3] corners of every triangle [m], and poses."""
     scene = open_scene(str(SCENES / request.param))
+    corners = np.concatenate([item.vertices[item.triangles] for item in scene.objects])
     ground = free_ground(scene)
     splits = [SPLITS[n % 3] for n in range(20)]
-    return corners_of(scene), [sample_pose(ground, split, np.random.default_rng(n)) for n, split in enumerate(splits)]
+    return corners, [sample_pose(ground, split, np.random.default_rng(n)) for n, split in enumerate(splits)]
 
 
 def test_twenty_poses_stand_clear_of_every_triangle_but_the_ground(

@@ -13,7 +13,6 @@ from usd_files import CUBE, CUBE_FACES, CUBE_POINTS, METRES_Z_UP, MOVING, SPLINE
 from datafactory.scenes.city.shapes import box
 from datafactory.scenes.city.site import Keyframe, Placement
 from datafactory.scenes.city.usd import write_usd
-from datafactory.scenes.motion import Motion
 from datafactory.scenes.network.conversion import thinned
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
@@ -102,11 +101,6 @@ def moving_scenes(folder: Path) -> dict[str, Scene]:
     return scenes
 
 
-def keys_of(motion: Motion) -> np.ndarray:
-    """[K] times of a motion's samples [s]."""
-    return np.array(motion.times)
-
-
 def hold_velocities(item: SceneObject | PointTarget, time_s: float) -> None:
     """The velocity at a time is the difference to the place that follows; a spin is that of the axes."""
     if isinstance(item, SceneObject):
@@ -128,7 +122,7 @@ def hold_every_key(scene: Scene) -> int:
     for item in every:
         if item.motion is None:
             continue
-        keys = keys_of(item.motion)
+        keys = np.array(item.motion.times)
         for time_s in (keys[0] - 0.5, *keys, *(0.5 * (keys[1:] + keys[:-1])), keys[-1] + 0.5):
             hold_velocities(item, float(time_s))
         seen += len(keys)

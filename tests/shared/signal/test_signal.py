@@ -60,25 +60,19 @@ def test_the_absolute_baseband_of_another_simulator_is_reproduced():
     assert np.abs(voltage[: len(expected)] - expected).max() < 1e-6 * np.abs(expected).max()
 
 
-def _radar_equation_dbw(radar: Radar, range_m: float, rcs_dbsm: float) -> float:
-    """Received power by the radar equation, in decibels, at boresight of the default radar."""
-    wavelength = 299_792_458.0 / 77.5e9
-    gain_dbi = 2 * 11.1
-    return (
-        radar.front_end.transmit_power_dbm - 30.0 + gain_dbi + rcs_dbsm
-        + 20.0 * np.log10(wavelength) - 30.0 * np.log10(4.0 * np.pi) - 40.0 * np.log10(range_m)
-    )  # fmt: skip
-
-
 def test_power_follows_the_radar_equation(small_radar):
     radar = small_radar(samples=512, chirps=4)
+    wavelength, gain_dbi, rcs_dbsm = 299_792_458.0 / 77.5e9, 2 * 11.1, 11.0
     for bin_index in (20, 40, 80, 160, 320):
         # TX and RX of the full array are not at the origin, which moves the echo by less than 0.05 bins at boresight.
         range_m = bin_index * radar.waveform.range_step_m
         position = np.array([[range_m, 0.0, 0.0]])
-        amplitude = target_amplitudes(radar, position, np.array([11.0]), np.array([0.7]))
+        amplitude = target_amplitudes(radar, position, np.array([rcs_dbsm]), np.array([0.7]))
         cube = if_signal(radar, position, np.zeros((1, 3)), amplitude)
-        expected = _radar_equation_dbw(radar, range_m, 11.0)
+        expected = (
+            radar.front_end.transmit_power_dbm - 30.0 + gain_dbi + rcs_dbsm
+            + 20.0 * np.log10(wavelength) - 30.0 * np.log10(4.0 * np.pi) - 40.0 * np.log10(range_m)
+        )  # fmt: skip
         assert 10.0 * np.log10(np.mean(np.abs(cube) ** 2)) == pytest.approx(expected, abs=0.05)
         peak = np.abs(range_doppler(cube.astype(np.complex64), radar)).max(axis=(0, 1)).mean()
         assert 20.0 * np.log10(peak) == pytest.approx(expected, abs=0.05)

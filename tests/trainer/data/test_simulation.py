@@ -35,12 +35,6 @@ def test_a_simulated_target_reads_its_amplitude_in_the_truth():
     assert truth.max() == pytest.approx(2e-6, rel=0.02)
 
 
-def at_the_middle(line, u, amplitude):
-    """Echoes with their phases at the middle of the array."""
-    middle = 0.5 * (line.positions_m.min() + line.positions_m.max())
-    return amplitude * np.exp(-2j * np.pi / line.wavelength_m * middle * u)
-
-
 def test_trials_have_the_separation_the_ratio_and_the_noise_that_they_say():
     condition = TrialCondition(separation_cells=2.0, snr_db=200.0, ratio_db=6.0)
     trials = simulate(RADAR, condition, 5, [0])
@@ -50,12 +44,13 @@ def test_trials_have_the_separation_the_ratio_and_the_noise_that_they_say():
     assert np.ptp(trials.phase_rad) > 1.0
     line = line_array(RADAR, FULL.channels(RADAR))
     np.testing.assert_allclose(np.diff(trials.u, axis=1), 2.0 * line.resolution_cell)
+    middle = 0.5 * (line.positions_m.min() + line.positions_m.max())
     flat = trials.snapshots[:, trials.rows].reshape(len(trials.u), -1)
     for x, u, phase in zip(flat, trials.u, trials.phase_rad, strict=True):
         amplitude = np.linalg.lstsq(line.manifold(u), x, rcond=None)[0]
         ratio_db = 20.0 * np.log10(np.abs(amplitude))
         assert abs(ratio_db[1] - ratio_db[0]) == pytest.approx(6.0, abs=0.3)
-        turned = at_the_middle(line, u, amplitude)
+        turned = amplitude * np.exp(-2j * np.pi / line.wavelength_m * middle * u)  # phases at the array's middle
         assert np.angle(turned[1] / turned[0] * np.exp(-1j * phase)) == pytest.approx(0.0, abs=0.1)
 
 

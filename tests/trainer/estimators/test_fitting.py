@@ -38,12 +38,6 @@ def groups(
     return echoes(ARRAYS[name], u, phases) + noise(ARRAYS[name], rows, power, generator), u, power
 
 
-def fitted(rows: NDArray[np.complex128], array: LineArray, noise_power: float, **options: float) -> FittedLines:
-    """From the peaks of LIKES."""
-    image = ESTIMATORS["likes"]().image(rows, array, U, noise_power)
-    return fit_lines(rows, array, noise_power, score_peaks(image, U, 4), **options)
-
-
 def counts(found: FittedLines) -> NDArray[np.intp]:
     lines = np.count_nonzero(found.amplitude, axis=1)
     for values in (found.u, found.u_std):
@@ -99,7 +93,8 @@ def test_pairs_are_resolved_as_by_maximum_likelihood_that_knows_the_number(
 ) -> None:
     rows, u, power = groups(name, [-0.5 * cells, 0.5 * cells], snr_db, 200, 4)
     ceiling = resolved(MaximumLikelihood(2).locate(rows, ARRAYS[name])[0], u).mean()
-    found = fitted(rows, ARRAYS[name], power)
+    image = ESTIMATORS["likes"]().image(rows, ARRAYS[name], U, power)
+    found = fit_lines(rows, ARRAYS[name], power, score_peaks(image, U, 4))
     assert resolved(np.sort(found.u[:, :2], axis=1), u).mean() >= ceiling - 0.03
     assert (counts(found) > 2).mean() < 0.02
 

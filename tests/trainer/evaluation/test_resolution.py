@@ -143,8 +143,11 @@ def test_a_resolution_table_has_every_cell_once() -> None:
 def test_a_known_error_reads_as_what_it_is() -> None:
     experiment, bench = Resolution(), small_bench()
     single, true = TrialCondition(0.0, 20.0), np.linspace(-0.4, 0.4, 50)[:, None]
-    angles = {task.key: task_angles(task.key[-1]) for task in experiment.tasks(bench)}
-    results = {key: {"found": of, "u": of, "phase_rad": np.zeros(50)} for key, of in angles.items()}
+    results = {}
+    for task in experiment.tasks(bench):
+        two = task.key[-1].startswith("separation")
+        angles = np.tile([[-0.1, 0.1]] if two else [[0.1]], (50, 1))
+        results[task.key] = {"found": angles, "u": angles, "phase_rad": np.zeros(50)}
     found = true + 0.01
     found[7] = np.nan
     text = condition_text(single.named)
@@ -163,11 +166,6 @@ def test_a_known_error_reads_as_what_it_is() -> None:
         none = numbers.row(("das", "sparse4"), metric, single.named)
         assert math.isnan(none.value)
         assert none.samples == 0
-
-
-def task_angles(condition: str) -> NDArray[np.float64]:
-    """[50, K] angles of a task of one target or of two."""
-    return np.tile([[-0.1, 0.1]] if condition.startswith("separation") else [[0.1]], (50, 1))
 
 
 def test_impairments_do_what_they_say():
