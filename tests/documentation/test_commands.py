@@ -62,7 +62,7 @@ NOT_RUN = {
     "make dataset": "minutes; the same commands are run here on smaller scenes",
     "make smoke": "continuous integration's first look; the same commands are run here",
     "make accuracy": "minutes; tests/datafactory/accuracy runs the command on a small scene",
-    "make docs": "tests/documentation/test_reference.py builds the site",
+    "make docs": "tests/documentation/test_help.py builds the site",
     "make test": "it is what runs this",
     "make test-all": "it is what runs this",
     "make study": "hours",

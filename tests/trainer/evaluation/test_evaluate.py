@@ -1,12 +1,33 @@
-"""``trainer evaluate``: columns, resume, determinism, workers."""
+"""``trainer evaluate``: columns, resume, determinism, what is left out, worker processes that none outlive.
+
+Its refusals stand in ``tests/trainer/cli/test_refusals.py``.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from small_evaluation import run_all
+from command_line import ended
+from small_evaluation import RADAR, make_data, run_all
+from tiny_radar import RADAR as SHORT_RADAR
+from tiny_radar import frame, write_dataset
+from troubled_experiment import Troubled
 
 from shared.physics.errors import InputError
-from trainer.evaluation.evaluate import NAMES
+from trainer.errors import Stopped
+from trainer.evaluation.evaluate import EXPERIMENTS, NAMES, choose_experiments, open_bench
+from trainer.evaluation.experiments.bench import Bench
+from trainer.evaluation.options import EvaluationConfig
 from trainer.evaluation.report.tables import SECONDS
+from trainer.evaluation.store import Values
+from trainer.evaluation.workers import Workers
 
 
 def deterministic(table):
@@ -135,3 +156,84 @@ def test_a_damaged_cell_is_named(inputs, tmp_path):
     cell.write_bytes(cell.read_bytes()[:100])
     with pytest.raises(InputError, match=f"{cell.name}: damaged.*delete the file"):
         run_all(inputs, out, **chosen, resume=True)
+
+
+def test_a_radar_that_does_not_see_so_far_leaves_experiments_out_and_says_so(tmp_path):
+    data = make_data(tmp_path / "data", SHORT_RADAR)
+    bench, _ = open_bench(data, EvaluationConfig(frames=3, methods=("das",), arrays=("full",)))
+    chosen, lines = choose_experiments(None, bench, None)
+    reason = "the radar sees to 3.4 m, the targets stand at 5.7 m"
+    assert lines == [
+        f"experiment point-spread is left out: {reason}", f"experiment two-reflectors is left out: {reason}",
+        "experiment measured is left out: no --measured file",
+    ]  # fmt: skip
+    names = {experiment.name for experiment in chosen}
+    assert names == EXPERIMENTS.keys() - {"point-spread", "two-reflectors"}
+    with pytest.raises(InputError, match=f"point-spread: {reason}"):
+        choose_experiments(["point-spread"], bench, None)
+
+
+@pytest.mark.slow
+def test_names_in_the_data_are_text_wherever_they_are_shown(inputs, tmp_path):
+    """A scene named like markup, a formula, a command of the terminal; drawn in every figure that names a scene."""
+    name = "<!--<script>$x^{$ \x1b[31m\u202e \u65e5\u672c"
+    frames = [replace(frame(index, RADAR), kind="scene", scene=name) for index in range(4)]
+    data = write_dataset(tmp_path / "$data$", {"train": frames[:2], "test": frames[2:]}, RADAR)
+    array = tmp_path / "$a{$|.toml"
+    array.write_text("rx = [0, 1, 2, 5]\n")
+    out = tmp_path / "out"
+    measured = shutil.copy(inputs[3], tmp_path / "$m{$.npy")
+    arguments = [data, "--out", out, "--arrays", array, "--methods", "das", "--trials", "2", "--measured", measured]
+    code, _, said = ended("trainer", "evaluate", *arguments, "--workers", "1")
+    assert (code, said) == (0, "")
+    # One figure an experiment, and a second one of detection; of a street one an array.
+    expected = {*NAMES, "detection-probability", "street-$a{$|"} - {"street"}
+    assert {path.stem for path in (out / "figures").glob("*.png")} == expected
+    page = (out / "report.html").read_text()
+    assert page.count("<script") == page.count("</script") == 4  # two shown frames
+    assert "<!--" not in page
+    assert "\x1b" not in page
+    assert page.count("\n| ") == 0
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    data = write_dataset(tmp_path_factory.mktemp("data") / "data", {"test": [frame(0, SHORT_RADAR)]}, SHORT_RADAR)
+    return open_bench(data, EvaluationConfig(methods=("das",), arrays=("full",), seed=7))[0]
+
+
+def results(pool: Workers, *work: str) -> Iterator[tuple[int, Values]]:
+    experiment = Troubled(work, name="-".join(work))
+    return pool.results(experiment, experiment.tasks(pool.bench), range(len(work)))
+
+
+def test_cells_are_computed_elsewhere_and_no_worker_outlives_the_context(bench: Bench, tmp_path: Path) -> None:
+    """One thread a worker, deaf to the terminal's Ctrl-C; an input error is one line; the next cells go on after it."""
+    with Workers(bench, 2, tmp_path / "workers") as pool:
+        found = dict(results(pool, "report", "gpu", "report", "report", "report"))
+        assert sorted(found) == [0, 1, 2, 3, 4]
+        # A GPU is one: what needs it stays here.
+        assert [place for place, values in found.items() if values["pid"] == os.getpid()] == [1]
+        for place in (0, 2, 3, 4):
+            assert (found[place]["deaf"], found[place]["threads"], found[place]["seed"]) == (True, 1, 7)
+        with pytest.raises(InputError, match=r"^part-00000\.parquet: row 3: damaged; expected a whole row$"):
+            dict(results(pool, "report", "refuse"))
+        assert list(dict(results(pool, "report"))) == [0]
+        assert multiprocessing.active_children()
+    assert not multiprocessing.active_children()
+    assert not (tmp_path / "workers").exists()
+
+
+def test_one_worker_is_this_process_with_one_thread(bench: Bench, tmp_path: Path) -> None:
+    with Workers(bench, 1, tmp_path / "workers") as pool:
+        ((_, values),) = results(pool, "report")
+        assert not (tmp_path / "workers").exists()
+    assert (values["pid"], values["threads"], values["deaf"]) == (os.getpid(), 1, False)
+
+
+@pytest.mark.slow
+def test_a_cell_that_three_workers_die_of_is_one_line_here(bench: Bench, tmp_path: Path) -> None:
+    line = r"^report-die-report die place=1: three worker processes died of it, its process ended by SIGKILL.*--resume"
+    with pytest.raises(Stopped, match=line), Workers(bench, 2, tmp_path / "workers") as pool:
+        list(results(pool, "report", "die", "report"))
+    assert not multiprocessing.active_children()
