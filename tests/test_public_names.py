@@ -11,17 +11,17 @@ from html import unescape
 from pathlib import Path
 
 import pytest
+from command_line import ended
+from factory_command import run, shards
 from interpreter import python
 from prepared_scenes import STREET, TINY
 from small_dataset import make_dataset, make_frame
-from typer.testing import CliRunner
 
 import datafactory
 import shared
 import trainer
 from datafactory import load_scene
 from datafactory.api.planning import ScenePlan
-from datafactory.cli.app import app
 from datafactory.effects.plan import Decision, EffectPlan
 from shared.physics.errors import Told
 from shared.radar import Radar
@@ -116,19 +116,18 @@ def test_the_command_makes_the_bytes_that_the_function_makes(radar_file: Path, t
     datafactory.render(TINY, tmp_path / "by-call", radar=radar_file, frames=1, points=1, rays=4000, effects="all")
     arguments = ["render", "--scene", TINY, "--out", tmp_path / "by-command", "--radar", radar_file, "--frames", 1]
     arguments += ["--points", 1, "--rays", 4000, "--effects", "all", "--workers", 1]
-    result = CliRunner().invoke(app, list(map(str, arguments)), catch_exceptions=False)
-    assert result.exit_code == 0
-    shards = [{path.relative_to(folder): path.read_bytes() for path in folder.glob("*/*.parquet")}
-              for folder in (tmp_path / "by-call", tmp_path / "by-command")]  # fmt: skip
-    assert shards[0] == shards[1]
-    assert len(shards[0]) == 1
+    run(*arguments)
+    by_call = shards(tmp_path / "by-call")
+    assert by_call == shards(tmp_path / "by-command")
+    assert len(by_call) == 1
 
 
 def test_a_plan_says_what_the_command_says(radar_file: Path) -> None:
     (planned,) = datafactory.plan([str(TINY)], radar=str(radar_file), frames=1, rays=4000)
     arguments = ["plan", "--scene", TINY, "--radar", radar_file, "--frames", 1, "--rays", 4000, "--no-times", "--json"]
-    result = CliRunner().invoke(app, list(map(str, arguments)), catch_exceptions=False)
-    assert json.loads(result.stdout) == json.loads(json.dumps(planned.to_json()))
+    code, told, said = ended("datafactory", *arguments)
+    assert code == 0, said
+    assert json.loads(told) == json.loads(json.dumps(planned.to_json()))
     assert planned.frames == 1
 
 

@@ -8,15 +8,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
+from factory_command import run
 from matplotlib.figure import Figure
 from prepared_scenes import TINY
 from sampled_frames import MENU, POSE, order_of_two, samples_of
-from typer.testing import CliRunner
 
 from datafactory.accuracy import report, study
 from datafactory.accuracy.knobs import Effort, Sample
 from datafactory.accuracy.study import Row
-from datafactory.cli.app import app
 from shared.radar import Radar, load_radar
 
 RADAR = """
@@ -74,9 +73,6 @@ def prices(variant: str, radar_file: Path, tmp_path_factory: pytest.TempPathFact
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "QUICK", TRIED)
         patch.setattr(report, "draw", kept)
-        result = CliRunner().invoke(
-            app, ["accuracy", "--scene", str(TINY), "--poses", str(poses), "--radar", str(radar_file), "--quick",
-                  "--repeats", "2", "--out", str(folder)], catch_exceptions=False,
-        )  # fmt: skip
-    assert result.exit_code == 0, result.output
-    return PriceList(result.output, folder, drawn)
+        said = run("accuracy", "--scene", TINY, "--poses", poses, "--radar", radar_file, "--quick", "--repeats", 2,
+                   "--out", folder)  # fmt: skip
+    return PriceList(said, folder, drawn)

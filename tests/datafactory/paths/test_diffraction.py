@@ -36,6 +36,8 @@ from datafactory.paths.table import DIFFRACTED, ScatteredPaths, SpecularPaths
 from datafactory.paths.view import polarization_axis
 from datafactory.scenes.poses import Pose
 
+pytestmark = pytest.mark.usefixtures("variant")
+
 
 def echoes(*objects, sight=everything, pose=HOME, **options):
     of = scene_of(*objects)
@@ -179,7 +181,6 @@ def test_mirror_and_edge_together_are_as_before_inside_the_mirror():
         assert abs(rest) < abs(whole)
 
 
-@pytest.mark.usefixtures("variant")
 @pytest.mark.parametrize("turned_deg", [0.0, 0.3, 0.6, 0.9, 1.5, 2.5])
 def test_a_small_plate_is_its_edges_beside_its_mirror_direction(turned_deg):
     """26 wavelengths at 30 m, whose echo has its first null at 1.1 deg: against Kirchhoff's integral over it.
@@ -208,7 +209,6 @@ ENDS = {
 BESIDE_ZERO_M = (-0.05, -1e-3, -1e-6, -1e-7, -1e-9, 0.0, 1e-9, 1e-7, 1e-6, 1e-3, 0.01)
 
 
-@pytest.mark.usefixtures("variant")
 @pytest.mark.parametrize("polarization", ["V", "H"])
 @pytest.mark.parametrize("name", ENDS)
 def test_before_the_end_of_a_face_mirror_and_edges_are_together_its_field(name, polarization):
@@ -230,7 +230,6 @@ def test_before_the_end_of_a_face_mirror_and_edges_are_together_its_field(name, 
     assert np.abs(levels_db).max() < 0.25, levels_db
 
 
-@pytest.mark.usefixtures("variant")
 def test_hidden_edges_and_walls_that_go_on_in_another_mesh_are_silent():
     sheet = upright_edge(turned=0.3, half=1.0)
     free = scene_of(sheet)
@@ -249,7 +248,6 @@ def test_hidden_edges_and_walls_that_go_on_in_another_mesh_are_silent():
     assert found == [(1, False), (0, True), (0, True)]
 
 
-@pytest.mark.usefixtures("variant")
 def test_a_corner_seen_from_outside_diffracts_and_from_within_does_not():
     house = box("house", (5.0, -2.0, -3.0), (9.0, 2.0, 3.0), "metal")
     room = box("room", (-4.0, -4.0, -3.0), (4.0, 4.0, 3.0), "metal")
@@ -291,7 +289,6 @@ def bistatic(of: MergedScene, tx, rx, polarization="V"):
     return edges, rays, field
 
 
-@pytest.mark.usefixtures("variant")
 @pytest.mark.parametrize("rx", [(-3.0, 8.0, 0.7), (2.0, 6.0, 0.3), (12.0, -2.0, 0.5), (20.0, 0.0, 0.0)])
 def test_one_wedge_is_sionnas(rx):
     """Amplitude within 0.2 % of PathSolver(diffraction=True): a metal corner of which the TX sees both faces, V.

@@ -84,7 +84,6 @@ def directions_of(fan: RayFan) -> NDArray[np.float64]:
     return np.stack([rho * np.cos(2.0 * np.pi * a), rho * np.sin(2.0 * np.pi * a), z], axis=1)
 
 
-@pytest.mark.usefixtures("variant")
 def test_mitsuba_maps_the_square_as_claimed():
     import mitsuba as mi
 

@@ -357,7 +357,6 @@ def test_nothing_is_lost_and_nothing_won(pattern, angle_deg):
     assert total == pytest.approx(1.0, abs=1e-4)
 
 
-@pytest.mark.usefixtures("variant")
 def test_patterns_are_sionnas():
     import mitsuba as mi
     from sionna.rt.radio_materials.scattering_pattern import BackscatteringPattern, LambertianPattern

@@ -23,6 +23,8 @@ from datafactory.paths.slabs import Slabs
 from datafactory.paths.view import panes_between, polarization_axis
 from datafactory.scenes.materials.table import load_materials
 
+pytestmark = pytest.mark.usefixtures("variant")
+
 VACUUM = 8.854_187_8128e-12
 COSINES = np.array([1.0, 0.9, 0.6, 0.3, 0.05])
 
@@ -81,7 +83,6 @@ def crossed(objects, points, polarization="V", **options):
     return panes_between(view_of(scene_of(*objects)), np.array(points, dtype=float), polarization, **options)
 
 
-@pytest.mark.usefixtures("variant")
 @pytest.mark.parametrize("polarization", ["V", "H"])
 def test_one_pane_is_sionnas_refraction(polarization):
     """Amplitude and phase to 1e-3: Sionna works in float32, and has the pane on top of the air, not in its place."""
@@ -102,7 +103,6 @@ def test_one_pane_is_sionnas_refraction(polarization):
     assert np.conj(ours[0]) / replaced == pytest.approx(theirs, abs=1e-3)
 
 
-@pytest.mark.usefixtures("variant")
 def test_crossings_multiply_and_points_before_a_pane_see_none():
     panes = [far_pane("glass"), far_pane("glass", "second", 8.0)]
     points = [(4.0, 0.0, 0.0), (6.5, 0.0, 0.0), (20.0, 0.0, 0.0), (-7.0, 1.0, 0.5)]
@@ -112,7 +112,6 @@ def test_crossings_multiply_and_points_before_a_pane_see_none():
     assert abs(result[1]) < 0.9
 
 
-@pytest.mark.usefixtures("variant")
 @pytest.mark.parametrize(("name", "heard"), [("glass", True), ("wood", True), ("marble", False), ("concrete", False)])
 def test_surfaces_are_heard_through_what_takes_less_than_60_db_out_and_back(name, heard):
     slab = load_materials().materials[name]
@@ -121,7 +120,6 @@ def test_surfaces_are_heard_through_what_takes_less_than_60_db_out_and_back(name
     assert Slabs([slab], FREQUENCY_HZ).lets_through[0] == heard
 
 
-@pytest.mark.usefixtures("variant")
 def test_a_box_is_two_panes_and_one_diagonal_is_not_crossed_twice():
     """The ray along x meets the diagonal that the two triangles of each side share."""
     points = [(9.0, 0.0, 0.0), (90.0, 0.3, 0.2)]
@@ -131,7 +129,6 @@ def test_a_box_is_two_panes_and_one_diagonal_is_not_crossed_twice():
     np.testing.assert_allclose(result, one**2, rtol=1e-6)
 
 
-@pytest.mark.usefixtures("variant")
 def test_panes_close_together_far_away_are_crossed_once_each():
     """The ray caster's error at 23 m is a fortieth of the gaps."""
     sides, points = ((0.0, 2.0, 0.0), (0.0, 0.0, 2.0), "glass"), [(30.0, 0.1, 0.2)]
@@ -139,7 +136,6 @@ def test_panes_close_together_far_away_are_crossed_once_each():
     np.testing.assert_allclose(crossed(panes, points), crossed(panes[:1], points) ** 4, rtol=1e-5)
 
 
-@pytest.mark.usefixtures("variant")
 def test_what_lies_behind_too_many_panes_is_given_up():
     panes = [far_pane("air", f"pane-{index}", 3.0 + index) for index in range(5)]
     result = crossed(panes, [(20.0, 0.0, 0.0), (4.5, 0.0, 0.0)], maximum_crossings=4)
@@ -147,7 +143,6 @@ def test_what_lies_behind_too_many_panes_is_given_up():
     assert result[1] == pytest.approx(1.0, abs=1e-9)
 
 
-@pytest.mark.usefixtures("variant")
 def test_sight_is_blocked_by_what_stands_between_and_by_nothing_else():
     scene = sionna_scene(scene_of(plate("wall", (5.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), "metal"))).mi_scene
     start = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 3.0, 0.0], [5.0, 0.5, 0.5]])

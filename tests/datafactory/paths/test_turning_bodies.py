@@ -24,6 +24,8 @@ from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene, SceneObject
 from shared.physics.vectors import unit
 
+pytestmark = pytest.mark.usefixtures("variant")
+
 Plane = tuple[NDArray[np.float64], NDArray[np.float64]]
 ORIGIN = np.zeros(3)
 
@@ -120,7 +122,6 @@ def later(pose: Pose, seconds: float = STEP_S) -> Pose:
     return Pose((x, y, z), pose.yaw_deg, pose.pitch_deg, pose.roll_deg, pose.velocity, pose.time_s + seconds)
 
 
-@pytest.mark.usefixtures("variant")
 def test_the_image_in_a_turning_mirror_moves_as_two_traces_say() -> None:
     merged = scene_of(turning(PLATE), HOUSE)
     now, then = (traced(merged, pose).specular for pose in (POSE, later(POSE)))
@@ -128,7 +129,6 @@ def test_the_image_in_a_turning_mirror_moves_as_two_traces_say() -> None:
     np.testing.assert_allclose(now.image_velocity, (then.image - now.image) / STEP_S, atol=5e-3)
 
 
-@pytest.mark.usefixtures("variant")
 def test_chains_of_mirrors_have_the_range_rate_of_two_traces() -> None:
     wide = plate("wide", (8.0, 0.0, 0.0), (0.0, 16.0, 0.0), (0.0, 0.0, 3.0), "metal")
     merged = scene_of(
@@ -144,7 +144,6 @@ def test_chains_of_mirrors_have_the_range_rate_of_two_traces() -> None:
     np.testing.assert_allclose(rate[order], (lengths[1] - lengths[0]) / 1e-3, atol=0.05)
 
 
-@pytest.mark.usefixtures("variant")
 def test_what_scatters_on_a_turning_body_moves_with_its_point() -> None:
     rough = {**MATERIALS.entries}
     metal, source = rough["metal"]
@@ -161,7 +160,6 @@ def test_what_scatters_on_a_turning_body_moves_with_its_point() -> None:
     np.testing.assert_allclose(paths.tx_velocity, expected, atol=1e-6)
 
 
-@pytest.mark.usefixtures("variant")
 def test_the_speckle_of_a_turning_body_turns_with_it() -> None:
     """The same ray lattice, in the body's own frame, meets the same cells of the surface: the same phases."""
     merged = scene_of(turning(CAR, yaw=90.0, forward=0.0)).at(1.0)
@@ -185,7 +183,6 @@ def test_edges_of_a_turning_body_move_as_two_moments_say_and_others_are_kept() -
     np.testing.assert_array_equal(now.velocity[house], 0.0)
 
 
-@pytest.mark.usefixtures("variant")
 def test_corners_of_a_turning_body_have_the_range_rate_of_two_traces() -> None:
     """One 3 m from the middle of its long body: the mean velocity of the mesh would be 7 Doppler cells off."""
     bed = plate("bed", (7.0, 3.0, -0.5), (1.0, 0, 0), (0, 1.0, 0), "metal")
@@ -203,7 +200,6 @@ def test_corners_of_a_turning_body_have_the_range_rate_of_two_traces() -> None:
     assert np.abs(rate).min() > 1.5
 
 
-@pytest.mark.usefixtures("variant")
 @pytest.mark.parametrize(
     ("shape", "yaw"), [(sphere(0.33, 48), 1200.0), (tube(20.0, 2.0, 40, start=np.pi - 0.4, turn=0.8), 40.0)]
 )

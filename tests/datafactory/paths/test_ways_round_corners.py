@@ -23,7 +23,6 @@ from sionna_scenes import (
 from town_scenes import box
 
 from datafactory.paths import diffraction
-from datafactory.paths.backend import select_variant
 from datafactory.paths.diffraction import EdgeRays, rays_over_edges
 from datafactory.paths.echo_points import EchoPoints
 from datafactory.paths.edges import edges_of
@@ -38,6 +37,8 @@ from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.targets.bodies import Sphere
 from datafactory.scenes.targets.models import Pedestrian
+
+pytestmark = pytest.mark.usefixtures("variant")
 
 CORNER = box("house", (5.0, 0.5, -40.0), (30.0, 40.0, 40.0), "metal")
 HIDDEN = np.array([[9.0, -1.0, 0.4]])
@@ -117,7 +118,6 @@ def test_the_delay_changes_as_radar_and_target_move():
         assert rate == pytest.approx((later - first) / (2.0 * step), abs=1e-5)
 
 
-@pytest.mark.usefixtures("variant")
 def test_two_ways_round_make_four_paths_and_a_wall_leaves_one():
     pillar = plate("pillar", (8.0, -0.025, 0.0), (0.0, 0.275, 0.0), (0.0, 0.0, 40.0), "metal")
     wall = plate("wall", (12.0, 5.0, 0.0), (0.0, 4.9, 0.0), (0.0, 0.0, 40.0), "metal")
@@ -245,7 +245,6 @@ def echoes_of(scene: MergedScene) -> tuple[ScatteredPaths, dict[str, int]]:
 
 
 def test_far_targets_are_left_out_and_counted() -> None:
-    select_variant()
     behind = (plate("away", (-5.0, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.2), "metal"),)
     both = merged(walker("far", 700.0), walker("near", 30.0), objects=behind)
     alone = merged(walker("near", 30.0), objects=behind)
@@ -268,7 +267,6 @@ def test_far_targets_are_left_out_and_counted() -> None:
 @pytest.mark.parametrize("distance_m", [0.0, 1e-80, 0.9 * NEAREST_M])
 def test_what_stands_at_the_sensor_is_left_out_and_counted(distance_m: float) -> None:
     """Its bound would be infinite, and by it others would seem too faint to be noticed."""
-    select_variant()
     post = PointTarget("post", (10.0, 0.0, 0.0), 10.0)
     here = PointTarget("here", (distance_m, 0.0, 0.0), 10.0)
     ball = PointTarget("ball", (0.0, distance_m, 0.0), 0.0, model=Sphere(0.1))
@@ -284,7 +282,6 @@ def test_what_stands_at_the_sensor_is_left_out_and_counted(distance_m: float) ->
 
 
 def test_what_hides_round_a_corner_is_not_looked_for_where_it_could_not_be_heard() -> None:
-    select_variant()
     wall = (plate("wall", (10.0, 0.0, 0.0), (0.0, 4.0, 0.0), (0.0, 0.0, 4.0), "metal"),)
     for x, looked_for in ((40.0, True), (400.0, False)):  # in plain sight both would be heard
         scene = merged(walker("hidden", x), objects=wall)
@@ -295,7 +292,6 @@ def test_what_hides_round_a_corner_is_not_looked_for_where_it_could_not_be_heard
 
 
 def test_a_ray_ends_where_nothing_is_left_of_its_field() -> None:
-    select_variant()
     walls = tuple(
         plate(f"wall{n}", (5.0 + n, 0.0, 0.0), (0.0, 4.0, 0.0), (0.0, 0.0, 4.0), "metal" if n == 1 else "glass")
         for n in range(4)

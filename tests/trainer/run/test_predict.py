@@ -13,10 +13,10 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 from captured_cubes import noisy, write_plain_cube
+from command_line import ended
 from PIL import Image, ImageSequence
 from tiny_radar import NOISE_POWER, RADAR, frame, small_dataset, tiny, write_dataset
 from tiny_run import make_run, run_of
-from typer.testing import CliRunner
 
 from shared.physics.errors import InputError
 from shared.radar import Radar, load_radar
@@ -24,7 +24,6 @@ from shared.signal import if_signal
 from shared.signal.ego_motion import EgoMotion, StaticWorld
 from shared.signal.imaging import steering_weights
 from trainer import predict
-from trainer.cli.app import app
 from trainer.data.measurements import Cells, Measurement, open_measurements
 from trainer.run.answers import Circumstances, network_answer
 from trainer.run.detection_files import records
@@ -187,18 +186,11 @@ def test_a_network_that_comes_with_the_package_is_meant_by_its_name_unless_a_fol
     assert export(Path("sparse6"), Path("network.onnx")).difference <= 1e-4
 
 
-def predicted(tmp_path, *more: str):
-    data, run = tmp_path / "data", tmp_path / "run"
-    if not run.exists():
-        small_dataset(data, training=2)
-        make_run(run)
-    arguments = ["predict", str(run), str(data), "--split", "all", "--no-pictures", "--out", str(tmp_path / "out")]
-    CliRunner().invoke(app, [*arguments, *more], catch_exceptions=False)
-    return tmp_path / "out"
-
-
 def test_every_frame_is_a_picture_in_its_order(tmp_path):
-    out = predicted(tmp_path, "--points", "--animation")
+    data, run, out = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run"), tmp_path / "out"
+    options = ("--split", "all", "--no-pictures", "--points", "--animation")
+    code, _, said = ended("trainer", "predict", run, data, "--out", out, *options)
+    assert code == 0, said
     with Image.open(out / "animation.gif") as film:
         pictures = [np.asarray(picture.convert("RGB")) for picture in ImageSequence.all_frames(film)]
     assert len(pictures) == 5
