@@ -1,8 +1,10 @@
-"""Waiting for something, and for processes that end."""
+"""A fresh Python, for what belongs to a whole process; waiting for something, and for processes that end."""
 
 from __future__ import annotations
 
+import os
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
@@ -10,6 +12,19 @@ from typing import Any, TypeVar
 import psutil
 
 T = TypeVar("T")
+
+
+def python(*arguments: object, **environment: str) -> str:
+    """What a fresh Python prints; it succeeds.
+
+    :param environment: over this process's
+    """
+    done = subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        capture_output=True, text=True, encoding="utf-8", check=False, env=os.environ | environment,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
 
 
 def wait_for(condition: Callable[[], T], seconds: float = 120.0, process: subprocess.Popen[Any] | None = None) -> T:

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from command_line import ended
 from factory_command import run, shards
-from interpreter import python
 from prepared_scenes import STREET, TINY
+from processes import python
 from small_dataset import make_dataset, make_frame
 
 import datafactory

@@ -18,6 +18,7 @@ import pytest
 import typer
 from command_line import ended
 from manual import DOCS, ROOT
+from processes import python
 from pydantic import BaseModel
 from raw_files import write_two_lanes
 from reference import commands_page, descriptions, fit_page, materials_page, names_page, radar_page
@@ -150,16 +151,10 @@ def name_of(command: CommandInfo) -> str:
     return command.name or command.callback.__name__
 
 
-def asked(program: str, *pages: str, ask: str = ASK) -> str:
-    """What a fresh interpreter prints."""
-    command = [sys.executable, "-c", ask, program, *pages]
-    return subprocess.run(command, capture_output=True, text=True, check=True, encoding="utf-8").stdout
-
-
 @pytest.mark.parametrize(("program", "app"), [("datafactory", datafactory), ("trainer", trainer)])
 def test_help_imports_nothing_that_computes(program: str, app: typer.Typer) -> None:
     pages = ["--help", *(f"{name_of(command)} --help" for command in app.registered_commands)]
-    answer = asked(program, *pages)
+    answer = python("-c", ASK, program, *pages)
     assert answer.count("Usage:") >= len(pages)
     imported = [line.split()[1:] for line in answer.splitlines() if line.startswith("IMPORTED")]
     for page, names in zip(pages, imported, strict=True):
@@ -168,7 +163,7 @@ def test_help_imports_nothing_that_computes(program: str, app: typer.Typer) -> N
 
 def test_what_computes_would_be_noticed() -> None:
     """The question finds numpy where something imports it."""
-    assert "numpy" in asked("trainer", "--help", ask=ASK.replace("main()", "import numpy")).split()
+    assert "numpy" in python("-c", ASK.replace("main()", "import numpy"), "trainer", "--help").split()
 
 
 def test_a_line_without_a_field_and_a_field_without_a_line_fail() -> None:

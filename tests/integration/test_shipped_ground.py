@@ -12,9 +12,9 @@ import re
 
 import numpy as np
 import pytest
-from interpreter import python
 from manual import ROOT
 from numpy.typing import NDArray
+from processes import python
 
 from datafactory.api.asking import load_scene
 from datafactory.scenes.ground import Ground, sensor_ground

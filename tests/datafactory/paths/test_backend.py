@@ -8,7 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from interpreter import python
+from processes import python
 
 from datafactory.paths import backend
 from shared.physics.errors import InputError

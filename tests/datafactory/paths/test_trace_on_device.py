@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from interpreter import python
+from processes import python
 
 from datafactory.paths.backend import cuda_device
 from datafactory.paths.storage import TracedFrame, read_paths

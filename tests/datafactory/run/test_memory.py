@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 from factory_command import run
-from interpreter import python
 from prepared_scenes import TINY
+from processes import python
 from small_radar import SMALL_RADAR
 
 from datafactory import load_radar, render

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from interpreter import python
+from processes import python
 from usd_files import signed_volume
 
 from datafactory.inspection.scene import examine_scene

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from interpreter import python
 from manual import ROOT
+from processes import python
 
 KERNELS = ("chirp", "along_lines", "truth", "seen", "near_field", "plates", "line_fit")
 

@@ -16,8 +16,8 @@ from types import FunctionType, ModuleType
 from typing import Any
 
 import pytest
-from interpreter import python
 from numba.core.dispatcher import Dispatcher
+from processes import python
 
 import datafactory
 import shared

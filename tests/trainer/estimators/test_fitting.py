@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from paper_arrays import ARRAYS, IRREGULAR, U, deterministic_bound, echoes, noise, some_rows
 from plain_lines import PlainFit
+from processes import python
 
 from shared.physics.errors import InputError
 from shared.signal.windows import hann_response
@@ -245,9 +243,8 @@ def test_a_row_of_few_strong_lines_is_not_left_with_as_many_as_there_may_be() ->
 
 def test_any_number_of_threads_gives_the_same_bytes() -> None:
     """Of rows and groups, in processes: four threads are more than some machines have cores."""
-    command = [sys.executable, str(Path(__file__).parents[2] / "kernel_bytes.py"), "line_fit"]
-    many = [{**os.environ, "NUMBA_NUM_THREADS": threads} for threads in "124"]
-    assert len({subprocess.run(command, env=each, stdout=subprocess.PIPE, check=True).stdout for each in many}) == 1
+    command = (Path(__file__).parents[2] / "kernel_bytes.py", "line_fit")
+    assert len({python(*command, NUMBA_NUM_THREADS=threads) for threads in "124"}) == 1
 
 
 def test_lines_are_joined_as_far_as_the_doppler_window_tells() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import trimesh
 from factory_command import refused, run
-from interpreter import python
+from processes import python
 from pxr import Sdf, Usd
 from scene_solids import city_solids, triangles_of
 from solids import intersecting
