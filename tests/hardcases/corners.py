@@ -5,20 +5,18 @@ References are the same corner without what makes it hard; levels in dB are of t
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from corner_scenes import dihedral, echoes, level_db, meshes_of, received
 from hardcases.case import HardCase
-from hardcases.tools import UTM, stage
+from hardcases.tools import UTM, not_finite_paths, read_back
 from sionna_scenes import mesh, plate, scene_of
 
 from datafactory.paths.corners import corners_of
 from datafactory.paths.planes import OFF_SQUARE_DEG
+from datafactory.paths.table import PathTable
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import SceneObject
 
 FACES = dihedral(20.0, 0.15, 0.2, 6.0)
@@ -42,11 +40,8 @@ def _far_away() -> float:
 
 def _centimetres() -> float:
     """Level error [dB] of a corner read from a file in centimetres."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "corner.usda"
-        meshes = {f"face{n}": (item.vertices, item.triangles) for n, item in enumerate(meshes_of(FACES))}
-        path.write_text(stage(meshes, 0.01), encoding="utf-8")
-        read = [mesh(item.name, item.vertices, item.triangles, "metal") for item in open_scene(str(path)).objects]
+    meshes = {f"face{n}": (item.vertices, item.triangles) for n, item in enumerate(meshes_of(FACES))}
+    read = [mesh(item.name, item.vertices, item.triangles, "metal") for item in read_back(meshes, 0.01)]
     return abs(level_db(_echo(read), _echo(meshes_of(FACES))))
 
 
@@ -100,8 +95,7 @@ def _misplaced() -> float:
     for place in places:
         for yaw in (0.0, 180.0):
             scattered, specular, _ = echoes(of, Pose(tuple(place.tolist()), yaw_deg=yaw))
-            for paths in (scattered, specular):
-                wrong += sum(int((~np.isfinite(value)).sum()) for value in vars(paths).values())
+            wrong += not_finite_paths(PathTable(scattered, specular))
     return float(wrong)
 
 

@@ -5,20 +5,17 @@ References are closed forms, or the same body without what makes it hard.
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from curved_scenes import Mesh, cylinder, sphere, torus, tube
 from hardcases.case import HardCase
-from hardcases.tools import MIRROR, UTM, frame_of, not_finite, not_finite_paths, small_radar, stage, traced
+from hardcases.tools import MIRROR, UTM, frame_of, not_finite, not_finite_paths, read_back, small_radar, traced
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from datafactory.paths.table import PathTable
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import SceneObject
 
 LIMIT_DEG = 25.0
@@ -84,12 +81,9 @@ def _beside_the_limit() -> float:
 def _centimetres_far_away() -> float:
     """Level error [dB] of a sphere and a cylinder from a file in centimetres, 500 km away, float32 points."""
     errors = []
-    with tempfile.TemporaryDirectory() as folder:
-        for of in (sphere(0.3, 40), cylinder(0.3, 1.0, 40)):
-            path = Path(folder) / "body.usda"
-            path.write_text(stage({"body": of}, 0.01, UTM + np.array([6.0, 0.0, 0.0])), encoding="utf-8")
-            item = replace(open_scene(str(path)).objects[0], material=MIRROR)
-            errors.append(_level_db(traced([item], Pose(UTM)), traced([_body(of)])))
+    for of in (sphere(0.3, 40), cylinder(0.3, 1.0, 40)):
+        (item,) = read_back({"body": of}, 0.01, UTM + np.array([6.0, 0.0, 0.0]))
+        errors.append(_level_db(traced([replace(item, material=MIRROR)], Pose(UTM)), traced([_body(of)])))
     return max(errors)
 
 

@@ -19,6 +19,7 @@ from hardcases.tools import (
     frame_of,
     not_finite,
     not_finite_paths,
+    read_back,
     rectangle,
     small_radar,
     stage,
@@ -60,12 +61,9 @@ def _far_away() -> float:
 def _millimetres() -> float:
     """Relative difference between the cubes of a wall given in millimetres and in metres."""
     wall, cubes = wall_ahead(), []
-    with tempfile.TemporaryDirectory() as folder:
-        for metres in (1.0, 0.001):
-            path = Path(folder) / "wall.usda"
-            path.write_text(stage({"wall": (wall.vertices, wall.triangles)}, metres), encoding="utf-8")
-            item = replace(open_scene(str(path)).objects[0], material=MIRROR)
-            cubes.append(cube_of_paths(traced([item]), small_radar()))
+    for metres in (1.0, 0.001):
+        (item,) = read_back({"wall": (wall.vertices, wall.triangles)}, metres)
+        cubes.append(cube_of_paths(traced([replace(item, material=MIRROR)]), small_radar()))
     return relative_error(cubes[1], cubes[0])
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +15,8 @@ from datafactory.frame.measurement import Processing, image, measure
 from datafactory.paths.rays import RayFan
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import PointTarget, Scene, SceneObject
+from datafactory.scenes.readers.open import open_scene
+from datafactory.scenes.scene import Scene, SceneObject
 from datafactory.synthesis.cube import cube_of_paths
 from shared.dataset import Frame
 from shared.radar import FrontEnd, ImageGrid, Radar
@@ -95,16 +98,14 @@ def traced(
     rays: int = 20_000,
     depth: int = 1,
     fan: RayFan | None = None,
-    targets: Sequence[PointTarget] = (),
-    diffuse: bool = True,
 ) -> PathTable:
-    """The multipath of objects of :data:`MATERIALS`, and of targets, as traced: amplitudes not yet illuminated."""
+    """The multipath of objects of :data:`MATERIALS` as traced: amplitudes not yet illuminated."""
     from datafactory.paths.merged_scene import merge_scene
     from datafactory.paths.solver import TraceSettings
     from datafactory.paths.trace import trace
 
-    merged = merge_scene(Scene("hard", tuple(objects), tuple(targets)), MATERIALS)
-    settings = TraceSettings(rays=rays, depth=depth, diffuse=diffuse)
+    merged = merge_scene(Scene("hard", tuple(objects)), MATERIALS)
+    settings = TraceSettings(rays=rays, depth=depth)
     return trace(merged, pose, 77.5e9, settings, fan or RayFan(rays), seed=1)
 
 
@@ -126,3 +127,13 @@ def stage(
 }}
 """
     return layer
+
+
+def read_back(
+    meshes: Mapping[str, tuple[NDArray, NDArray]], metres: float, offset: ArrayLike = (0.0, 0.0, 0.0)
+) -> tuple[SceneObject, ...]:
+    """The objects of such a :func:`stage`, written and read."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "stage.usda"
+        path.write_text(stage(meshes, metres, offset), encoding="utf-8")
+        return open_scene(str(path)).objects
