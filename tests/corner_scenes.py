@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from oracles import scattered_delays, specular_delays
-from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, every_one, mesh, scene_of, slabs, view_with
+from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, every_one, everything, mesh, scene_of, slabs, view_with
 
 from datafactory.paths.corner_echoes import CornerEchoes
 from datafactory.paths.corners import CornerEdges, corners_of
@@ -96,11 +96,6 @@ def _one_order(
     return 1j * total / wavelength_m
 
 
-def always(start: Real, end: Real) -> NDArray[np.bool_]:
-    """Nothing stands in the way."""
-    return np.ones(len(end), dtype=bool)
-
-
 def dihedral(
     distance_m: float,
     across: float | tuple[float, float],
@@ -150,7 +145,7 @@ def corners_seen(of: MergedScene, pose: Pose = HERE) -> CornerEdges:
 def echoes(
     of: MergedScene,
     pose: Pose = HERE,
-    sight: Sight = always,
+    sight: Sight = everything,
     polarization: tuple[Polarization, Polarization] = ("V", "V"),
 ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
     """What the corners of a scene send back."""

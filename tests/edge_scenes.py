@@ -1,4 +1,4 @@
-"""Edges of scenes, what hides nothing of them, and the lengths of ways over them, of a path table and exactly."""
+"""Edges of scenes, and the exact lengths of ways over them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from scipy.optimize import minimize_scalar
 from sionna_scenes import WAVELENGTH_M
 
 from datafactory.paths.edges import WedgeEdges
-from datafactory.paths.table import ScatteredPaths, SpecularPaths
 from datafactory.scenes.poses import Pose
 
 WAVENUMBER = 2.0 * np.pi / WAVELENGTH_M
@@ -15,21 +14,9 @@ HOME = Pose((0.0, 0.0, 0.0))
 RADAR = np.zeros(3)
 
 
-def everything(start, end):
-    return np.ones(len(start), dtype=bool)
-
-
 def only_edge_at(edges: WedgeEdges, point) -> WedgeEdges:
     away = np.linalg.norm(np.cross(edges.direction, np.array(point) - edges.start), axis=1)
     return edges.take(away < 1e-6)
-
-
-def table_length(path: ScatteredPaths | SpecularPaths, tx: np.ndarray, rx: np.ndarray) -> float:
-    """The table's own laws, for the first path."""
-    if isinstance(path, ScatteredPaths):
-        legs = np.linalg.norm(tx - path.tx_point[0]) + np.linalg.norm(rx - path.rx_point[0])
-        return float(legs + path.between_m[0])
-    return float(np.linalg.norm(rx - path.image[0] - path.axes[0] @ tx))
 
 
 def shortest_over(edge: WedgeEdges, tx: np.ndarray, rx: np.ndarray) -> float:

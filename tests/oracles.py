@@ -80,6 +80,13 @@ def delays(paths: PathTable, tx: Real, rx: Real, time_s: float) -> Real:
     )
 
 
+def path_length(path: ScatteredPaths | SpecularPaths, tx: Real, rx: Real, time_s: float = 0.0) -> float:
+    """Of the first path [m], by the table's own laws."""
+    if isinstance(path, ScatteredPaths):
+        return float(scattered_delays(path, tx, rx, time_s)[0]) * LIGHT_MPS
+    return float(specular_delays(path, tx, rx, time_s)[0]) * LIGHT_MPS
+
+
 def if_chirp(paths: PathTable, radar: Radar, array: AntennaArray, channel: tuple[int, int], chirp: int) -> Complex:
     """[samples] the float64 sum of eq. (1) over all paths of a table, for one (TX, RX) and one chirp."""
     waveform = radar.waveform

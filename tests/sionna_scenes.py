@@ -64,6 +64,11 @@ def view_of(of: MergedScene, pose: Pose = AT_ORIGIN, settings: TraceSettings | N
     return View(geometry, of, slabs(of), pose, settings or TraceSettings())
 
 
+def everything(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """A sight that nothing stands in the way of."""
+    return np.ones(len(end), dtype=bool)
+
+
 def view_with(of: Slabs, sight: Any, settings: TraceSettings | None = None, **found: Any) -> View:
     """A view without a geometry: what is in sight of it is said, and which edges or corners it has."""
     view = View(None, scene_of(), of, AT_ORIGIN, settings or TraceSettings())

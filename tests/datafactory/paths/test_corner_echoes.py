@@ -20,7 +20,7 @@ from corner_scenes import (
     reference_echo,
 )
 from numpy.typing import NDArray
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, scene_of, slab_reflection
+from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, everything, scene_of, slab_reflection
 from town_scenes import box
 
 from datafactory.paths import corner_echoes
@@ -195,11 +195,7 @@ def test_a_leg_behind_a_hidden_one_is_not_looked_at_and_nothing_else_changes(ape
     def blinds(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
         return np.sin(40.0 * end[:, 2]) + np.sin(90.0 * end[:, 1]) > -0.4
 
-    def open_sky(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
-        return np.ones(len(end), dtype=bool)
-
-    everything = apertures.in_sight(recorded(open_sky)).pieces
-    assert everything.all()
+    assert apertures.in_sight(recorded(everything)).pieces.all()
     legs, looked = looked, []
     fast = apertures.in_sight(recorded(blinds)).pieces
     slow = [blinds(one, one) & blinds(other, other) for one, other in (legs[:2], legs[2:])]

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from corner_scenes import HERE, always, corners_seen, cross_section_dbsm, dihedral, level_db, meshes_of, received
+from corner_scenes import HERE, corners_seen, cross_section_dbsm, dihedral, level_db, meshes_of, received
 from numpy.typing import NDArray
 from oracles import corner_area
-from sionna_scenes import WAVELENGTH_M, every_one, mesh, plate, scene_of, slabs, turning, view_with
+from sionna_scenes import WAVELENGTH_M, every_one, everything, mesh, plate, scene_of, slabs, turning, view_with
 from town_scenes import box
 
 from datafactory.paths import corners
@@ -60,7 +60,7 @@ def trihedral(distance_m: float, legs_m: float, square: bool = False, turn=None,
     return objects
 
 
-def echoes(of: MergedScene, pose: Pose = HERE, sight=always, polarization=("V", "V")):
+def echoes(of: MergedScene, pose: Pose = HERE, sight=everything, polarization=("V", "V")):
     settings, points = TraceSettings(polarization=polarization), points_of(of).seen_from(pose)
     return every_one(CornerPointEchoes(view_with(slabs(of), sight, settings, corner_points=points)))
 

@@ -7,7 +7,8 @@ from functools import partial
 
 import numpy as np
 import pytest
-from edge_scenes import HOME, RADAR, WAVENUMBER, everything, only_edge_at, shortest_over, table_length
+from edge_scenes import HOME, RADAR, WAVENUMBER, only_edge_at, shortest_over
+from oracles import path_length
 from scipy.special import fresnel
 from sionna_scenes import (
     FREQUENCY_HZ,
@@ -15,6 +16,7 @@ from sionna_scenes import (
     WAVELENGTH_M,
     channel,
     every_one,
+    everything,
     plate,
     scene_of,
     sionna_scene,
@@ -116,7 +118,7 @@ def test_the_delay_law_is_that_of_the_edge(objects, kind, error_m):
         assert isinstance(path, kind)
     for y_tx, y_rx in ((0.0, 0.25), (-0.005, 0.09), (0.0, -0.25), (0.2, 0.2)):
         tx, rx = np.array([0.0, y_tx, 0.0]), np.array([0.0, y_rx, 0.0])
-        assert table_length(path, tx, rx) == pytest.approx(shortest_over(edge, tx, rx), abs=error_m)
+        assert path_length(path, tx, rx) == pytest.approx(shortest_over(edge, tx, rx), abs=error_m)
 
 
 @pytest.mark.parametrize(("height", "beside"), [(5.0, 0.15), (10.0, 0.4), (20.0, 0.6)])
@@ -138,7 +140,7 @@ def test_beyond_the_end_of_an_edge_the_wave_comes_from_the_end(height, beside):
 
     for y_tx, y_rx in ((-0.05, 0.0), (0.05, 0.0), (-0.05, 0.045)):
         tx, rx = np.array([0.0, y_tx, 0.0]), np.array([0.0, y_rx, 0.0])
-        longer = WAVENUMBER * (table_length(path, tx, rx) - table_length(path, RADAR, RADAR))
+        longer = WAVENUMBER * (path_length(path, tx, rx) - path_length(path, RADAR, RADAR))
         off = np.angle(np.exp(1j * longer) * field(0.0, 0.0) / field(y_tx, y_rx)) / (2.0 * np.pi)
         assert abs(off) < 0.08, (y_tx, y_rx)
 

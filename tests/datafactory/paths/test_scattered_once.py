@@ -25,6 +25,7 @@ from datafactory.scenes.materials.reflectivity import fresnel_reflectivity, lamb
 from datafactory.scenes.materials.table import Pattern
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene, SceneObject
+from shared.physics.units import power_to_db
 from shared.physics.vectors import dots, unit
 
 HERE = Pose((0.0, 0.0, 0.0))
@@ -41,10 +42,6 @@ CORNER = (
     plate("side", (10.0, 6.0, 0.0), (10.0, 0.0, 0.0), (0.0, 1.0, 10.0), "metal"),
     plate("ground", (10.0, 0.0, -2.0), (12.0, 0.0, 0.3), (0.0, 12.0, 0.0), "lobed"),
 )
-
-
-def decibels_of(ratio: float) -> float:
-    return float(10.0 * np.log10(ratio))
 
 
 def merged_of(*objects: SceneObject) -> MergedScene:
@@ -222,7 +219,7 @@ def test_power_is_sionnas_own(objects, polarization):
         ours += float(twice.power.sum())
         solved = solver_module.solve(scene, merged, settings, fan, seed)[0].of_bounces(2)
         theirs += powers(solved.take((solved.interactions == DIFFUSE).all(axis=1)), fan)
-    assert decibels_of(ours / theirs) == pytest.approx(0.0, abs=0.2)
+    assert power_to_db(ours / theirs) == pytest.approx(0.0, abs=0.2)
 
 
 def test_three_bounces_are_followed_in_all_their_orders():
@@ -291,12 +288,12 @@ def test_a_share_of_the_rays_says_what_all_would():
     first = first_hits(CANYON, replace(EVERY, rays=400_000), RayFan(400_000))
     (whole,) = scattered_twice(first, 1)
     (some,) = scattered_twice(first.share(16), 1)
-    assert decibels_of(16.0 * some.power.sum() / whole.power.sum()) == pytest.approx(0.0, abs=0.5)
+    assert power_to_db(16.0 * some.power.sum() / whole.power.sum()) == pytest.approx(0.0, abs=0.5)
     few, many = (
         scattered_twice(first_hits(CANYON, replace(EVERY, rays=400_000, twice_share=n), RayFan(400_000)), 1)[0]
         for n in (16, 1)
     )
-    assert decibels_of(few.power.sum() / many.power.sum()) == pytest.approx(0.0, abs=0.5)
+    assert power_to_db(few.power.sum() / many.power.sum()) == pytest.approx(0.0, abs=0.5)
     assert len(few.power) == pytest.approx(len(many.power) / 16.0, rel=0.1)
 
 

@@ -20,6 +20,7 @@ from datafactory.paths.trace import trace
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene, SceneObject
 from datafactory.synthesis.cube import cube_of_paths
+from shared.physics.units import power_to_db
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.radar.waveform import Waveform
@@ -83,10 +84,6 @@ class WholeSphere(RayFan):
 
 def power(paths) -> float:
     return float(np.sum(np.abs(paths.amplitude) ** 2))
-
-
-def decibels(ratio: float) -> float:
-    return float(10.0 * np.log10(ratio))
 
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -240,9 +237,9 @@ def test_an_oblique_rough_panel_returns_the_radar_integral():
     expected = WAVELENGTH_M**2 / (4.0 * np.pi) ** 3 * np.mean(sigma0 / square**2) * np.linalg.norm(area)
     fans = [RayFan(20_000, (k / 8.0, (0.618 * k) % 1.0)) for k in range(8)]
     found = np.mean([power(traced(panel, fan=fan).scattered) for fan in fans])
-    assert decibels(found / expected) == pytest.approx(0.0, abs=0.1)
+    assert power_to_db(found / expected) == pytest.approx(0.0, abs=0.1)
     lattice = traced(panel, rays=400_000, fan=WholeSphere(400_000))
-    assert decibels(power(lattice.scattered) / expected) == pytest.approx(0.0, abs=0.1)
+    assert power_to_db(power(lattice.scattered) / expected) == pytest.approx(0.0, abs=0.1)
 
 
 def test_the_fan_leaves_sionna_as_it_was():
@@ -296,8 +293,8 @@ def test_diffuse_then_specular_is_wrong_in_sionna_and_mended_here():
     specular_diffuse, diffuse_specular = (1, 2), (2, 1)
     few, many = (by_kind(solved(*scene, fan=WholeSphere(n), rays=n, depth=2)) for n in (20_000, 320_000))
     # Mirror first: the same power with 16 times the rays. Mirror last: by reciprocity as much, but it falls as 1/N.
-    assert decibels(many[specular_diffuse] / few[specular_diffuse]) == pytest.approx(0.0, abs=0.3)
-    assert decibels(many[diffuse_specular] / few[diffuse_specular]) < -6.0
+    assert power_to_db(many[specular_diffuse] / few[specular_diffuse]) == pytest.approx(0.0, abs=0.3)
+    assert power_to_db(many[diffuse_specular] / few[diffuse_specular]) < -6.0
     table = traced(*scene, fan=WholeSphere(320_000), rays=320_000, depth=2)
     paths = table.scattered.take(table.scattered.depth == 2)
     first = paths.take(np.arange(len(paths)) < len(paths) // 2)

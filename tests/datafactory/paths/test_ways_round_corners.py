@@ -7,12 +7,14 @@ from functools import partial
 
 import numpy as np
 import pytest
-from edge_scenes import HOME, everything, only_edge_at, shortest_over, table_length
+from edge_scenes import HOME, only_edge_at, shortest_over
 from numpy.typing import NDArray
+from oracles import path_length
 from sionna_scenes import (
     MATERIALS,
     WAVELENGTH_M,
     every_one,
+    everything,
     plate,
     scene_of,
     sionna_scene,
@@ -97,7 +99,7 @@ def test_the_way_round_is_as_long_as_it_is_for_every_element(low, on_edge, targe
     for y_tx, y_rx in ((0.0, 0.0), (0.0, 0.25), (-0.005, -0.25)):
         tx, rx = np.array([0.0, y_tx, 0.0]), np.array([0.0, y_rx, 0.0])
         exact = shortest_over(edge, tx, position[0]) + shortest_over(edge, rx, position[0])
-        assert table_length(path, tx, rx) == pytest.approx(exact, abs=error_m)
+        assert path_length(path, tx, rx) == pytest.approx(exact, abs=error_m)
 
 
 def test_the_delay_changes_as_radar_and_target_move():
