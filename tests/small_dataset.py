@@ -63,10 +63,15 @@ def make_frame(frame_id: int, store: str = "range-channel") -> Frame:
 
 
 def write(
-    path: Path, frames: Sequence[Frame], store: str = "range-channel", rows_per_group: int = 1, **extra: object
+    path: Path,
+    frames: Sequence[Frame],
+    store: str = "range-channel",
+    rows_per_group: int = 1,
+    radar: Radar = RADAR,
+    **extra: object,
 ) -> None:
     """A shard of these frames; ``extra`` goes into its description."""
-    schema = arrow_schema(description(RADAR, PEAKS, store, extra))
+    schema = arrow_schema(description(radar, PEAKS, store, extra))
     path.parent.mkdir(exist_ok=True, parents=True)
     table = pa.Table.from_batches([to_record_batch(frames, schema)])
     pq.write_table(table, path, row_group_size=rows_per_group)

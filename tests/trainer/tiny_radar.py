@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
-from small_dataset import write_manifest
+from small_dataset import write, write_manifest
 
-from shared.dataset import Frame, arrow_schema, description, to_record_batch
+from shared.dataset import Frame
 from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AntennaArray, line
 from shared.radar.waveform import Waveform
@@ -61,11 +59,8 @@ def frame(index: int, radar: Radar = RADAR) -> Frame:
 
 def write_dataset(directory: Path, frames: dict[str, list[Frame]], radar: Radar = RADAR) -> Path:
     """A dataset of these frames, one shard a split, one row a group."""
-    schema = arrow_schema(description(radar, 3, "range-channel"))
     for split, of_split in frames.items():
-        path = directory / split / "part-00000.parquet"
-        path.parent.mkdir(parents=True)
-        pq.write_table(pa.Table.from_batches([to_record_batch(of_split, schema)]), path, row_group_size=1)
+        write(directory / split / "part-00000.parquet", of_split, radar=radar)
     write_manifest(directory, {f"{split}/part-00000.parquet": len(of_split) for split, of_split in frames.items()})
     return directory
 
