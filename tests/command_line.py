@@ -19,3 +19,10 @@ def ended(program: str, *arguments: object) -> tuple[int, str, str]:
         with pytest.raises(SystemExit) as left:
             main()
     return int(left.value.code or 0), out.getvalue(), err.getvalue()
+
+
+def refused(program: str, *arguments: object) -> str:
+    """The one line with which the command says that it cannot be run so."""
+    status, _, line = ended(program, *arguments)
+    assert (status, line.count("\n")) == (2, 1), line
+    return line

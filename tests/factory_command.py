@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from command_line import ended
+import command_line
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
@@ -21,10 +21,7 @@ def run(*arguments: object) -> str:
 
 
 def refused(*arguments: object) -> str:
-    """The one line with which the command says that it cannot be run so."""
-    status, _, line = ended("datafactory", *arguments)
-    assert (status, line.count("\n")) == (2, 1)
-    return line
+    return command_line.refused("datafactory", *arguments)
 
 
 def frames_of(folder: Path) -> dict[int, tuple[str, Frame]]:
