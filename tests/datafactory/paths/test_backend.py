@@ -128,7 +128,10 @@ USABLE = backend.CudaDevice("a GPU")
 
 
 @pytest.fixture
-def with_gpu(monkeypatch):
+def with_gpu(tmp_path, monkeypatch):
+    """Linux with a GPU, and with LLVM."""
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setenv(backend.LLVM_VARIABLE, str(fake_library(tmp_path, "libLLVM-20.so")))
     monkeypatch.setattr(backend, "cuda_device", lambda: USABLE)
     monkeypatch.setitem(sys.modules, "mitsuba", FakeMitsuba())
 
@@ -140,18 +143,14 @@ def test_cuda_is_chosen_where_it_is_asked_for_and_needs_no_llvm(monkeypatch, wit
     assert not backend.traces_on_the_processor()
 
 
-def test_the_processor_is_chosen_where_nothing_is_asked_for(tmp_path, monkeypatch, with_gpu):
+def test_the_processor_is_chosen_where_nothing_is_asked_for(with_gpu):
     # The same command gives the same bytes on a machine with a GPU as on one without.
-    monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setenv(backend.LLVM_VARIABLE, str(fake_library(tmp_path, "libLLVM-20.so")))
     assert backend.select_variant() == backend.LLVM_VARIANT
     assert backend.traces_on_the_processor()
 
 
 @pytest.mark.parametrize(("first", "then"), [("cpu", "cuda"), ("cuda", "cpu")])
-def test_a_process_does_not_change_its_device(tmp_path, monkeypatch, with_gpu, first, then):
-    monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setenv(backend.LLVM_VARIABLE, str(fake_library(tmp_path, "libLLVM-20.so")))
+def test_a_process_does_not_change_its_device(with_gpu, first, then):
     variant = backend.select_variant(first)
     assert backend.select_variant(first) == variant
     with pytest.raises(InputError, match=f"--device: {then}, where this process traces with {variant}"):

@@ -69,15 +69,15 @@ def test_any_filesystem_of_arrow_will_do(folder):
     assert sha256_of(place / "manifest.json") == sha256_of(folder / "manifest.json")
 
 
-def test_what_has_to_be_here_is_refused_elsewhere(folder):
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [("s3://b/set?region=us-east-1", "s3://b/set"), (Path("s3://b/set"), "s3:/b/set")],
+    ids=["a URI", "what a command line made a path of"],
+)
+def test_what_has_to_be_here_is_refused_elsewhere(folder, given, told):
     assert local(str(folder), "--out") == folder
-    with pytest.raises(InputError, match=r"--out: s3://b/set is not on this machine; expected a local folder"):
-        local("s3://b/set?region=us-east-1", "--out")
-
-
-def test_what_a_command_line_made_a_path_of_is_no_local_folder():
-    with pytest.raises(InputError, match=r"--out: s3:/b/set is not on this machine; expected a local folder"):
-        local(Path("s3://b/set"), "--out")
+    with pytest.raises(InputError, match=rf"--out: {told} is not on this machine; expected a local folder"):
+        local(given, "--out")
 
 
 def test_a_local_uri_is_the_local_folder(folder):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
-import re
 from pathlib import Path
 
 import numpy as np
@@ -309,28 +308,24 @@ def test_cubes_one_by_one_give_what_the_command_gives(tmp_path, model: str) -> N
         assert seen.points.range_m[0] == pytest.approx(np.hypot(20.0, 3.0), abs=0.05)
 
 
+OF_THE_RADAR = "complex64 [chirp, sample, channel] = [4, 32, 6] of radar 'tiny'"
+
+
 @pytest.mark.parametrize(
-    ("cube", "problem"),
+    ("cube", "problem", "expected"),
     [
-        (np.zeros((4, 32), complex), "cube is complex128 [4, 32]"),
-        (np.zeros((4, 32, 5), complex), "cube is complex128 [4, 32, 5]"),
-        (np.zeros((1, 4, 32, 6), complex), "cube is complex128 [1, 4, 32, 6]"),
-        (np.zeros((4, 32, 6)), "cube is float64 [4, 32, 6]"),
+        (np.zeros((4, 32), complex), "is complex128 [4, 32]", OF_THE_RADAR),
+        (np.zeros((4, 32, 5), complex), "is complex128 [4, 32, 5]", OF_THE_RADAR),
+        (np.zeros((1, 4, 32, 6), complex), "is complex128 [1, 4, 32, 6]", OF_THE_RADAR),
+        (np.zeros((4, 32, 6)), "is float64 [4, 32, 6]", OF_THE_RADAR),
+        (np.full((4, 32, 6), np.nan, complex), "has 768 values that are not finite", "finite samples"),
+        (np.full((4, 32, 6), 1e30, complex), "has samples of 1e+30", "at most 1e+12"),
     ],
 )
-def test_a_frame_that_is_not_of_the_radar_is_one_line(cube: np.ndarray, problem: str) -> None:
+def test_a_frame_that_is_no_cube_of_the_radar_is_one_line(cube: np.ndarray, problem: str, expected: str) -> None:
     with pytest.raises(InputError) as caught:
         Predictor.load("das", RADAR).cube(cube)
-    expected = "complex64 [chirp, sample, channel] = [4, 32, 6] of radar 'tiny'"
-    assert str(caught.value) == f"cube: {problem}; expected {expected}"
-
-
-@pytest.mark.parametrize(
-    ("value", "problem"), [(np.nan, "has 768 values that are not"), (1e30, "has samples of 1e+30")]
-)
-def test_a_frame_of_values_that_are_no_samples_is_one_line(value: float, problem: str) -> None:
-    with pytest.raises(InputError, match=f"cube: cube {re.escape(problem)}"):
-        Predictor.load("das", RADAR).cube(np.full((4, 32, 6), value, complex))
+    assert str(caught.value) == f"cube: cube {problem}; expected {expected}"
 
 
 def test_a_model_that_there_is_not_is_refused() -> None:
