@@ -10,9 +10,9 @@ import onnxruntime
 import pytest
 import torch
 from small_evaluation import QUICK, strong_dataset
-from small_fit import run as small_fit
 from tiny_radar import NOISE_POWER, RADAR, TINY, frame, tiny
 from tiny_run import make_run
+from tiny_run import run as small_fit
 
 from shared.radar import load_radar
 from shared.signal.adaptive import adaptive_tables

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from small_fit import run
 from tiny_radar import small_dataset
+from tiny_run import run
 
 
 @pytest.fixture(scope="session")

@@ -10,9 +10,8 @@ import pytest
 import torch
 from pyarrow.fs import LocalFileSystem, SubTreeFileSystem
 from safetensors.torch import load_file
-from small_fit import last_state, metrics, run
 from tiny_radar import RADAR, TINY, frame, tiny, write_dataset
-from tiny_run import run_of
+from tiny_run import last_state, metrics, run, run_of
 
 from shared.dataset.locations import RemotePath
 from shared.physics.errors import InputError

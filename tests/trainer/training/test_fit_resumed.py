@@ -5,13 +5,16 @@ So it is with the network of directions of arrival, whose samples are its own.
 
 import shutil
 import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file
-from small_fit import metrics, run
 from tiny_radar import RADAR, TINY, frame, small_dataset, write_dataset
+from tiny_run import metrics, run
 
 from shared.physics.errors import InputError
 from shared.radar.arrays import line
@@ -25,22 +28,30 @@ from trainer.training.doa import AMPLITUDE_SPAN_DB, DoaSamples, DoaTask
 from trainer.training.task import ImagingTask
 
 
-@pytest.mark.parametrize("imperfections", [None, CALIBRATED])
-def test_a_killed_run_resumed_ends_in_the_same_weights(dataset, tmp_path, monkeypatch, imperfections):
-    changes = {"steps": 6, "augment": True, "rows": 16, "points": 1, "accumulate": 2, "imperfections": imperfections}
-    config = TINY.model_copy(update=changes)
-    run(dataset, tmp_path / "whole", config)
-    original = ImagingTask.training_step
+@contextmanager
+def killed_at(task: type, step: str, when: Callable[[Any, int], bool]) -> Iterator[None]:
+    """The run within ends in this step of the task, where ``when(task, number of the batch)``."""
+    original = getattr(task, step)
 
     def killed(self, batch, batch_index):
-        if batch_index == 6:  # within an epoch of the data and between two validations
+        if when(self, batch_index):
             raise MemoryError("killed")
         return original(self, batch, batch_index)
 
-    monkeypatch.setattr(ImagingTask, "training_step", killed)
-    with pytest.raises(MemoryError):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(task, step, killed)
+        with pytest.raises(MemoryError):
+            yield
+
+
+@pytest.mark.parametrize("imperfections", [None, CALIBRATED])
+def test_a_killed_run_resumed_ends_in_the_same_weights(dataset, tmp_path, imperfections):
+    changes = {"steps": 6, "augment": True, "rows": 16, "points": 1, "accumulate": 2, "imperfections": imperfections}
+    config = TINY.model_copy(update=changes)
+    run(dataset, tmp_path / "whole", config)
+    # Within an epoch of the data and between two validations.
+    with killed_at(ImagingTask, "training_step", lambda _, batch: batch == 6):
         run(dataset, tmp_path / "killed", config)
-    monkeypatch.undo()
     assert metrics(tmp_path / "killed")[-1]["step"] == "2"
     run(dataset, tmp_path / "killed", config, resume=True)
     assert metrics(tmp_path / "killed") == metrics(tmp_path / "whole")
@@ -64,18 +75,9 @@ def test_an_interrupted_run_says_so_and_can_be_taken_up(dataset, tmp_path, monke
     assert [row["step"] for row in metrics(tmp_path / "run")] == ["0", "2", "4"]
 
 
-def test_a_run_killed_while_it_validates_validates_again(dataset, ordinary, tmp_path, monkeypatch):
-    original = ImagingTask.validation_step
-
-    def killed(self, batch, batch_index):
-        if self.trainer.global_step == 4 and batch_index == 1:
-            raise MemoryError("killed")
-        return original(self, batch, batch_index)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(ImagingTask, "validation_step", killed)
-        with pytest.raises(MemoryError):
-            run(dataset, tmp_path / "killed")
+def test_a_run_killed_while_it_validates_validates_again(dataset, ordinary, tmp_path):
+    with killed_at(ImagingTask, "validation_step", lambda task, batch: task.trainer.global_step == 4 and batch == 1):
+        run(dataset, tmp_path / "killed")
     run(dataset, tmp_path / "killed", resume=True)
     assert metrics(tmp_path / "killed") == metrics(ordinary)
     assert (tmp_path / "killed" / WEIGHTS).read_bytes() == (ordinary / WEIGHTS).read_bytes()
@@ -129,11 +131,19 @@ def test_an_infinite_input_stops_with_its_frame_and_keeps_the_weights(dataset, t
         assert all(torch.isfinite(tensor).all() for tensor in load_file(tmp_path / "run" / WEIGHTS).values())
 
 
-def test_truths_of_other_virtual_sensors_are_not_mixed(dataset, tmp_path):
-    sensor = RADAR.virtual_sensor.model_copy(update={"rx_m": RADAR.virtual_sensor.rx_m[:9]})
-    other = small_dataset(tmp_path / "other", radar=RADAR.model_copy(update={"virtual_sensor": sensor}))
-    with pytest.raises(InputError, match=r"virtual_sensor.rx_m = 9 positions .*; expected 17 positions .* has it"):
-        fit([dataset, other], tmp_path / "run", config=TINY)
+@pytest.mark.parametrize(
+    ("part", "changes", "message"),
+    [
+        ("virtual_sensor", {"rx_m": RADAR.virtual_sensor.rx_m[:9]},
+         r"virtual_sensor.rx_m = 9 positions .*; expected 17 positions .* has it"),
+        ("waveform", {"bandwidth_hz": 2e9}, r"waveform.bandwidth_hz = 2000000000.0; expected 10000"),
+    ],
+)  # fmt: skip
+def test_datasets_of_different_radars_are_not_mixed(dataset, tmp_path, part, changes, message):
+    radar = RADAR.model_copy(update={part: getattr(RADAR, part).model_copy(update=changes)})
+    other = small_dataset(tmp_path / "other", radar=radar)
+    with pytest.raises(InputError, match=rf"other: radar 'tiny', {message}"):
+        fit([dataset, other], tmp_path / "run", config=TINY, array="full")
 
 
 def test_a_damaged_shard_stops_before_training_by_its_path(dataset, tmp_path):
@@ -145,14 +155,6 @@ def test_a_damaged_shard_stops_before_training_by_its_path(dataset, tmp_path):
     with pytest.raises(InputError, match=r"train/part-00000.parquet: sha256 is"):
         run(copy, tmp_path / "run")
     assert not (tmp_path / "run").exists()
-
-
-def test_datasets_of_different_radars_are_not_mixed(dataset, tmp_path):
-    other = RADAR.model_copy(update={"waveform": RADAR.waveform.model_copy(update={"bandwidth_hz": 2e9})})
-    frames = {"train": [frame(0, other)], "validation": [frame(1, other)]}
-    second = write_dataset(tmp_path / "other", frames, other)
-    with pytest.raises(InputError, match=r"other: radar 'tiny', waveform.bandwidth_hz = 2000000000.0; expected 10000"):
-        fit([dataset, second], tmp_path / "run", config=TINY, array="full")
 
 
 def test_weights_that_are_no_whole_network_of_the_run_are_named(dataset, ordinary, tmp_path):
@@ -220,22 +222,13 @@ def test_samples_are_a_function_of_seed_and_index():
     assert not torch.equal(one[3]["range_channel"], two[3]["range_channel"])
 
 
-def test_it_trains_resumes_predicts_and_exports(tmp_path, monkeypatch):
+def test_it_trains_resumes_predicts_and_exports(tmp_path):
     frames = {"train": [frame(0, WIDE)], "validation": [frame(1, WIDE)], "test": [frame(2, WIDE)]}
     data = write_dataset(tmp_path / "data", frames, WIDE)
     lines: list[str] = []
     fit([data], tmp_path / "whole", config=DOA, array="full", announce=lines.append)
-    original = DoaTask.training_step
-
-    def killed(self, batch, batch_index):
-        if batch_index == 3:
-            raise MemoryError("killed")
-        return original(self, batch, batch_index)
-
-    monkeypatch.setattr(DoaTask, "training_step", killed)
-    with pytest.raises(MemoryError):
+    with killed_at(DoaTask, "training_step", lambda _, batch: batch == 3):
         fit([data], tmp_path / "killed", config=DOA, array="full", announce=lines.append)
-    monkeypatch.undo()
     fit([data], tmp_path / "killed", config=DOA, array="full", resume=True, announce=lines.append)
     states = [torch.load(tmp_path / name / CHECKPOINT, weights_only=True) for name in ("whole", "killed")]
     for key, tensor in states[0]["state_dict"].items():

@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import pytest
 import torch
-from small_fit import run
 from tiny_radar import RADAR, TINY, frame, tiny, write_dataset
-from tiny_run import run_of
+from tiny_run import run, run_of
 
 from shared.physics.errors import InputError
 from shared.radar import load_radar
