@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles import scattered_delays, specular_delays
+from oracles import delays
 from path_tables import a_table
 from prepared_scenes import prepared_scene
 
@@ -136,13 +136,8 @@ def test_range_rates_are_half_of_the_paths_rates(generator) -> None:
     """The larger of the mean rates over both halves of the frame, seen from the origin."""
     table, here = a_table(generator), np.zeros(3)
     half_s = 0.5 * WAVEFORM.chirps * WAVEFORM.chirp_interval_s
-    delays = [
-        np.concatenate(
-            [scattered_delays(table.scattered, here, here, t), specular_delays(table.specular, here, here, t)]
-        )
-        for t in (0.0, half_s, 2.0 * half_s)
-    ]
-    rates = 0.5 * LIGHT_MPS * np.abs(np.diff(delays, axis=0)) / half_s
+    found = [delays(table, here, here, time_s) for time_s in (0.0, half_s, 2.0 * half_s)]
+    rates = 0.5 * LIGHT_MPS * np.abs(np.diff(found, axis=0)) / half_s
     np.testing.assert_allclose(decision.range_rates_mps(table, WAVEFORM), rates.max(axis=0), rtol=1e-6, atol=1e-6)
 
 

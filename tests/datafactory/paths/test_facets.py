@@ -31,16 +31,10 @@ def mesh(vertices, triangles, velocity=(0.0, 0.0, 0.0)) -> MergedMesh:
     )
 
 
-def plate(y: tuple[float, float], z: tuple[float, float], strips: int = 1) -> MergedMesh:
-    """A rectangle at x = DISTANCE_M, of strips with vertices of their own."""
-    vertices: list[tuple[float, float, float]] = []
-    triangles: list[tuple[int, int, int]] = []
-    edges = np.linspace(*y, strips + 1)
-    for left, right in itertools.pairwise(edges):
-        first = len(vertices)
-        vertices += [(DISTANCE_M, a, b) for a, b in ((left, z[0]), (right, z[0]), (right, z[1]), (left, z[1]))]
-        triangles += [(first, first + 1, first + 2), (first, first + 2, first + 3)]
-    return mesh(vertices, triangles)
+def plate(y: tuple[float, float], z: tuple[float, float]) -> MergedMesh:
+    """A rectangle at x = DISTANCE_M."""
+    corners = ((y[0], z[0]), (y[1], z[0]), (y[1], z[1]), (y[0], z[1]))
+    return mesh([(DISTANCE_M, a, b) for a, b in corners], [(0, 1, 2), (0, 2, 3)])
 
 
 def share(*meshes: MergedMesh, at=(DISTANCE_M, 0.0, 0.0), arrival=(1.0, 0.0, 0.0)) -> complex:

@@ -25,14 +25,13 @@ from shared.signal.spectrum import range_doppler
 PROPERTY = settings(max_examples=50)
 
 
-def small_arrays() -> list[AntennaArray]:
-    plane = ((0.0, -0.04, 0.01), (0.0, 0.03, -0.02), (0.01, 0.0, 0.0))
-    return [
-        AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=((0.0, 0.0, 0.0),)),
-        AntennaArray(tx_m=line(np.array([-0.05, -0.048])), rx_m=line(np.array([-0.045, 0.003, 0.045]))),
-        AntennaArray(tx_m=plane, rx_m=plane[::-1]),
-        AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=line(np.linspace(-0.25, 0.25, 5))),
-    ]
+PLANE = ((0.0, -0.04, 0.01), (0.0, 0.03, -0.02), (0.01, 0.0, 0.0))
+SMALL_ARRAYS = (
+    AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=((0.0, 0.0, 0.0),)),
+    AntennaArray(tx_m=line(np.array([-0.05, -0.048])), rx_m=line(np.array([-0.045, 0.003, 0.045]))),
+    AntennaArray(tx_m=PLANE, rx_m=PLANE[::-1]),
+    AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=line(np.linspace(-0.25, 0.25, 5))),
+)
 
 
 @PROPERTY
@@ -40,7 +39,7 @@ def small_arrays() -> list[AntennaArray]:
     seed=st.integers(0, 2**32 - 1),
     samples=st.sampled_from([1, 2, 3, 31, 64, 65]),
     chirps=st.sampled_from([1, 2, 3]),
-    array=st.sampled_from(small_arrays()),
+    array=st.sampled_from(SMALL_ARRAYS),
     counts=st.tuples(st.integers(0, 5), st.integers(0, 3)).filter(any),
     limits_m=st.sampled_from([(0.3, 1.0), (0.3, 150.0), (9.0, 10.0), (100.0, 150.0)]),
     span_db=st.sampled_from([0.0, 120.0]),
@@ -150,15 +149,11 @@ def by_definition(paths: PathTable, radar: Radar, cycles) -> NDArray[np.complex1
     return cube
 
 
-@pytest.fixture
-def few_channels() -> Radar:
-    array = RADAR.array.model_copy(update={"rx_m": RADAR.array.rx_m[::8], "tx_m": RADAR.array.tx_m[:2]})
-    return RADAR.model_copy(update={"array": array, "waveform": Waveform(samples=64, range_bins=40, chirps=4)})
-
-
 @pytest.mark.parametrize("speed_mps", [3.0, 30.0])
-def test_motion_within_the_chirp_is_that_of_every_sample(few_channels, speed_mps):
-    waveform = few_channels.waveform
+def test_motion_within_the_chirp_is_that_of_every_sample(speed_mps):
+    array = RADAR.array.model_copy(update={"rx_m": RADAR.array.rx_m[::8], "tx_m": RADAR.array.tx_m[:2]})
+    waveform = Waveform(samples=64, range_bins=40, chirps=4)
+    few_channels = RADAR.model_copy(update={"array": array, "waveform": waveform})
 
     def cycles(tau, start, fast):
         return (waveform.carrier_hz + waveform.slope_hz_per_s * fast) * tau(start + fast)
