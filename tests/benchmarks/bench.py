@@ -29,7 +29,6 @@ from threadpoolctl import threadpool_info, threadpool_limits
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 import cubes
-import devices
 import images
 import predicted
 from record import NotInstalledError, Record
@@ -41,10 +40,10 @@ BENCHMARKS: dict[str, Callable[[Workload], Record]] = {
     "cube_vs_chirps_1e-6": partial(cubes.vs_chirps, tolerance="1e-6"),
     "cube_vs_chirps_1e-4": partial(cubes.vs_chirps, tolerance="1e-4"),
     "truth_vs_exact": images.truth_vs_exact,
-    "cube_on_torch_vs_compiled": partial(devices.cube, device="cpu"),
-    "truth_on_torch_vs_compiled": partial(devices.truth, device="cpu"),
-    "cube_on_cuda_vs_compiled": partial(devices.cube, device="cuda"),
-    "truth_on_cuda_vs_compiled": partial(devices.truth, device="cuda"),
+    "cube_on_torch_vs_compiled": partial(cubes.cube_on, device="cpu"),
+    "truth_on_torch_vs_compiled": partial(cubes.truth_on, device="cpu"),
+    "cube_on_cuda_vs_compiled": partial(cubes.cube_on, device="cuda"),
+    "truth_on_cuda_vs_compiled": partial(cubes.truth_on, device="cuda"),
     "images_of_a_frame_vs_omp_cfar": partial(predicted.one_frame, points=False),
     "images_and_points_of_a_frame_vs_omp_cfar": partial(predicted.one_frame, points=True),
 }
