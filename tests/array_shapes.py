@@ -1,7 +1,5 @@
 """What checks the array shapes of signatures in tests: beartype, for jaxtyping's import hook."""
 
-from __future__ import annotations
-
 import functools
 import sys
 from collections.abc import Callable

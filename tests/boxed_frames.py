@@ -1,7 +1,5 @@
 """A small dataset with cubes and boxes: point targets where the boxes stand, made in a second."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -6,8 +6,6 @@ The npm package @sparticuz/chromium (MIT) holds chrome-headless-shell for Linux 
 libraries and the fonts that a bare machine lacks.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import os

@@ -1,7 +1,5 @@
 """``datafactory`` and ``trainer`` as the shell runs them, in this process."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import sys

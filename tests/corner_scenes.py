@@ -1,7 +1,5 @@
 """Corners of metal faces as meshes and as rectangles of the slow reference, and the sum of their echoes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 

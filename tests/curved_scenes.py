@@ -1,7 +1,5 @@
 """Round bodies as meshes with vertices on the true surface, what a trace finds of them, and closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import trimesh
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Edges of scenes, and the exact lengths of ways over them."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.optimize import minimize_scalar
 from sionna_scenes import WAVELENGTH_M

@@ -1,7 +1,5 @@
 """Examples as their users run them."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """``datafactory`` run in this process by tests, and the bytes of what it wrote."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

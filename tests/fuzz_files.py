@@ -1,7 +1,5 @@
 """Good files of every kind that is read, which the fuzzers damage."""
 
-from __future__ import annotations
-
 import io
 import json
 import sys

@@ -5,8 +5,6 @@ fuzzers together have tried as many inputs, each as large a share as it has of t
 where the rounds begin. pytest's last lines say how many inputs were tried (``tests/conftest.py``).
 """
 
-from __future__ import annotations
-
 import inspect
 import json
 import os

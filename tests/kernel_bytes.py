@@ -5,8 +5,6 @@
 ``--inner-first`` compiles inlined functions by themselves before the kernels that they are a part of.
 """
 
-from __future__ import annotations
-
 import hashlib
 import sys
 from collections.abc import Callable, Iterable

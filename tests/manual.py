@@ -1,7 +1,5 @@
 """README and the manual as the tests read them: pages, commands, blocks of code, links."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Targets over mirrors: the ground, what it reflects, a point, and one trace of them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Arrays as the bytes of NumPy's files."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from typing import Any

@@ -4,8 +4,6 @@ The IF signal is summed in float64 path by path from the delay laws of the PathT
 from the full cube of the virtual sensor. Nothing here is fast, and nothing here approximates.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Path tables made at random, and the radars of tests that compare sums over them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

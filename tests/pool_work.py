@@ -1,7 +1,5 @@
 """What the workers of the pool's tests do; a module, so that worker processes can import it."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

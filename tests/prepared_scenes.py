@@ -1,7 +1,5 @@
 """Scenes made ready for the chain."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from manual import ROOT

@@ -1,7 +1,5 @@
 """A fresh Python, for what belongs to a whole process; waiting for something, and for processes that end."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -4,8 +4,6 @@ These loops are the readers' oracle: slow, and each a transcription of its table
 ``read_ADC_bin_TDA2_separateFiles.m`` for the cascade).
 """
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A Ray cluster of several nodes on this machine, each with processes of its own, for the time of a test."""
 
-from __future__ import annotations
-
 import os
 import random
 import shutil

@@ -1,7 +1,5 @@
 """What processes of the cluster do in tests; a module, so that they can import it."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections import Counter

@@ -1,7 +1,5 @@
 """Road networks written by hand: an OpenDRIVE file of a line, an arc and a junction, and an OpenStreetMap one."""
 
-from __future__ import annotations
-
 import math
 
 LINE_M, RADIUS_M, ARC_M, GRADE, LANE_M, OTHER_M = 60.0, 40.0, 40.0, 0.02, 3.5, 250.0

@@ -8,8 +8,6 @@ fail whose method and path contain the words given, from the n-th on, with the s
 With ``"done": true`` what is asked for is done, and the answer lost.
 """
 
-from __future__ import annotations
-
 import http.client
 import json
 import socket

@@ -1,7 +1,5 @@
 """Frames of a tiny scene to measure accuracy on, and a menu of few settings."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from prepared_scenes import TINY

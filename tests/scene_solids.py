@@ -1,7 +1,5 @@
 """The solid things of a procedural city and of a populated scene, in their places at any time."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

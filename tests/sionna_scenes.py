@@ -1,7 +1,5 @@
 """Small Sionna scenes for tests that hold our physics against Sionna's own, its geometry, and one slab's numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Datasets of a few frames, made in no time: a tiny radar, random frames of it, shards, folders with a manifest."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """The radar of tests that run whole commands: so few samples that a frame takes no time, as the commands take it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 SMALL_RADAR = """

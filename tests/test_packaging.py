@@ -1,7 +1,5 @@
 """The three distributions: what they declare is what they import, and their wheels are whole."""
 
-from __future__ import annotations
-
 import ast
 import json
 import re

@@ -3,8 +3,6 @@
 Values that a user handles say what they are in one to five lines, the same in a notebook.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from html import unescape

@@ -1,7 +1,5 @@
 """The measure that the scenes' tests rest on: what boxes of known places have in common."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

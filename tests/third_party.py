@@ -1,7 +1,5 @@
 """What the three packages need from others, with all extras, one requirement a line: the input of ``make lock``."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Towns of boxes, for tests of free ground, of where a sensor goes, and of traffic."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 

@@ -1,7 +1,5 @@
 """Small USD stages as text, for the tests of the USD reader."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path

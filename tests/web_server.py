@@ -1,7 +1,5 @@
 """A web server for tests that answers ranges, and as much of Hugging Face's hub as reading a dataset asks for."""
 
-from __future__ import annotations
-
 import http.server
 import json
 import threading

@@ -3,8 +3,6 @@
 python tests/benchmarks/assets.py            at 20 m, the sensor 0.5 m high, no ground
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from datafactory.paths.backend import select_variant, set_threads

@@ -6,8 +6,6 @@ Everything runs on one thread unless its record says otherwise. References that 
 and their records say so. The machine is described in a file beside the records.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import platform

@@ -11,8 +11,6 @@ and within 40 dB of the reflector that stand at no echo, sorted by whether they 
 (sidelobes), echoes listed, and how many lines are true by the probability that they were given.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Annotated, Any

@@ -4,8 +4,6 @@
 and to the radar (docs/notes/cities.md says what the numbers are).
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

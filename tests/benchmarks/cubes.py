@@ -3,8 +3,6 @@
 torch's are on the processor always, on a GPU where there is one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -8,8 +8,6 @@ judged frames, over steps, those of the runs before counted. Beside them the bes
 with the same receivers and with all.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated

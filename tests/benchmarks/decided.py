@@ -6,8 +6,6 @@ Prints of each scene the medians, and the median, least and largest of the pairs
 which are written here, or whatever ``datafactory render`` takes; without, all of ``SCENES``.
 """
 
-from __future__ import annotations
-
 import argparse
 import resource
 import shutil

@@ -10,8 +10,6 @@ For each scene, of 200 poses dealt as a run deals them:
   training pose meets.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numpy as np

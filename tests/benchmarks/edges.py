@@ -5,8 +5,6 @@ physical optics, in the Fresnel approximation: beyond both edges of a plate's co
 another in the same plane, and across a seam between two materials.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -7,8 +7,6 @@ frames, paired for differences. ``estimated`` is told the velocity that the fram
 how far that is from the truth.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

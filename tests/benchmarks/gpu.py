@@ -6,8 +6,6 @@ Each render is a command of its own, with one worker. Rays are not random: both 
 out, so that the difference is that of tracing and synthesis.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

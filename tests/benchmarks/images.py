@@ -1,7 +1,5 @@
 """The truth image against the exact matched filter, its moments against the virtual cube."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from oracles import matched_filter_row, peak_error_db

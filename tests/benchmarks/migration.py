@@ -8,8 +8,6 @@ three Doppler peaks and of every cell: lines listed within four bins of an echo 
 right. Beyond 12 m/s velocities are folded.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numpy as np

@@ -8,8 +8,6 @@ delay and sum. Printed for each array: pairs of which both are listed within hal
 than half a metre from every target (all, of noise alone), seconds of processor time a frame.
 """
 
-from __future__ import annotations
-
 import time
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """``trainer predict`` of a frame of many echoes, images alone or with points, beside OMP-CFAR of the same cells."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """``make size``: how much there is to carry. Lines and files of source and tests, functions of many parameters."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 from pathlib import Path

@@ -3,8 +3,6 @@
 No assertion is made about a clock; errors are those of the same records at full size.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import replace

@@ -7,8 +7,6 @@ share; each with a flat prior and with the motion. Beside them stand the shipped
 those of ``ego_motion.py`` beside it.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

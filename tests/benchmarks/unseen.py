@@ -8,8 +8,6 @@ method that is told the motion, paired. All channels stand beside the array; the
 noise, so that no difference to them is paired.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

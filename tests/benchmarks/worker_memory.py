@@ -4,8 +4,6 @@
 ``python tests/benchmarks/worker_memory.py tiny "points"`` those whose names begin so.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

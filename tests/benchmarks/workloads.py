@@ -1,7 +1,5 @@
 """What is synthesised in the benchmarks: seeded paths, sizes, and results that several comparisons share."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 

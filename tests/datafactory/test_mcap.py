@@ -1,7 +1,5 @@
 """MCAP files for Foxglove, read back by the mcap package: every topic, its values, and times that rise."""
 
-from __future__ import annotations
-
 import io
 import sys
 from dataclasses import replace

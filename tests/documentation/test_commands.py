@@ -4,8 +4,6 @@ They are run in an empty folder that has what the text supposes: the repository'
 and radar files of the reader's own. Their numbers are made smaller by options that follow those of the text.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import re

@@ -3,8 +3,6 @@
 The reference pages are made of the same commands, of the models and of the docstrings.
 """
 
-from __future__ import annotations
-
 import os
 import shlex
 import subprocess

@@ -1,7 +1,5 @@
 """The manual: links lead somewhere, the menu has every page, the chain has the code's steps, notebooks' pages."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

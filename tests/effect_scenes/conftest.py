@@ -1,7 +1,5 @@
 """What tests of plans depend on."""
 
-from __future__ import annotations
-
 import pytest
 
 

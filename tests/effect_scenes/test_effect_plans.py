@@ -8,8 +8,6 @@ formulas, which ``tests/datafactory/frame/test_decision.py`` holds against slow 
 their script writes.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The notebooks of the examples run as scripts, with small numbers, and say what they should."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The examples in small versions: a moving scene, pictures of targets, a file that grows, studies."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

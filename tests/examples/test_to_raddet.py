@@ -4,8 +4,6 @@ The loader is the one of https://github.com/ZhangAoCanada/RADDet (``util/loader.
 ``dataset/batch_data_generator.py``); what it does with the files, and what it asks of them, is written down again here.
 """
 
-from __future__ import annotations
-
 import json
 import pickle
 from pathlib import Path

@@ -6,8 +6,6 @@ to it. The examples are the same in every run and bounded in number; ``FUZZ_INPU
 (``tests/fuzzing.py``).
 """
 
-from __future__ import annotations
-
 import io
 import json
 import subprocess

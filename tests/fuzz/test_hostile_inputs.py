@@ -1,7 +1,5 @@
 """What no fuzzer is sure to find: absurd numbers, too many digits, too deep documents, names that are not UTF-8."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable

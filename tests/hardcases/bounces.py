@@ -3,8 +3,6 @@
 References are the two-ray model, the echo without its hazard, and counts of what must not be there.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

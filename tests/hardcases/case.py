@@ -10,8 +10,6 @@ folder first on the path), import heavy libraries inside the measurements, and w
 ``tempfile.TemporaryDirectory``. A measurement must not depend on the clock or on other cases.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 References are the same corner without what makes it hard; levels in dB are of the sum of its echoes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

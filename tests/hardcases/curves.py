@@ -3,8 +3,6 @@
 References are closed forms, or the same body without what makes it hard.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

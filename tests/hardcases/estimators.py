@@ -3,8 +3,6 @@
 Every estimator of ``trainer.estimators`` is asked; the worst of them is the measurement.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from hardcases.case import HardCase
 from numpy.typing import NDArray

@@ -3,8 +3,6 @@
 References are mirror images in closed form, or the same scene without what makes it hard.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -4,8 +4,6 @@ References are the same sums in float64, or the same input at another scale: a f
 through the normalisation that its docstring states.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

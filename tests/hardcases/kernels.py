@@ -3,8 +3,6 @@
 The reference is the float64 sum of eq. (1), on some channels and chirps where all of them would take long.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from hardcases.case import HardCase
 from hardcases.tools import points, small_radar

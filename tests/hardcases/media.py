@@ -3,8 +3,6 @@
 References are mpmath, the mirror-image formula and the radar integral.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mpmath

@@ -11,8 +11,6 @@ image: the largest departure from the first element's, or the first chirp's, is 
 of a line array of 256 elements with these phase errors under a Chebyshev window of 200 dB, beyond its main lobe.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial

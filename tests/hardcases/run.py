@@ -5,8 +5,6 @@
 Exit status 1 if any bound is broken. A case that hangs ends the run with a traceback.
 """
 
-from __future__ import annotations
-
 import faulthandler
 import math
 import sys

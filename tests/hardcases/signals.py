@@ -3,8 +3,6 @@
 The reference is the float64 sum of eq. (1) (``tests/oracles.py``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

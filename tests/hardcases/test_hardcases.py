@@ -1,7 +1,5 @@
 """Every case of the catalogue keeps its bound, and the catalogue's own machinery can tell when one does not."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What several themes need: small radars, whole frames, one trace, a stage of USD."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -3,8 +3,6 @@
 Networks are tiny and untrained: what is asked is that numbers stay finite, and that a run stops before it is ruined.
 """
 
-from __future__ import annotations
-
 from typing import Any
 from unittest import mock
 

@@ -1,7 +1,5 @@
 """Boards: what is simulated of one is what its capture would hold, and what the import of its cube makes of it."""
 
-from __future__ import annotations
-
 import json
 import runpy
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Runs elsewhere, on object storage or by Ray, are those on this disk, byte for byte, through kills and failures."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """One bit flips in what a command left for a later one: the later one stops with one line, or reads the same values."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Of frames those have an effect that call for it, the others do not, and the bytes hang on nothing else."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

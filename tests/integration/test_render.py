@@ -1,7 +1,5 @@
 """The main job from the command line, on a small radar: bytes, resume, splits, and the one line for each bad input."""
 
-from __future__ import annotations
-
 import json
 import threading
 from contextlib import suppress

@@ -7,8 +7,6 @@ tests/old_datasets was made by the commit of its name; the first had no columns 
         --seed 1 --rays 2000 --out DIR
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

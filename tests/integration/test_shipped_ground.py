@@ -5,8 +5,6 @@ with other traffic differ by metres. Of the frames that they were first trained 
 other; of the drives after those, whose traffic was put in with other seeds, each frame's own place is.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 

@@ -1,7 +1,5 @@
 """``render --trajectory``: sequences from files and drawn drives, the same by any number of workers and from paths."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

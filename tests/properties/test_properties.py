@@ -1,7 +1,5 @@
 """Whatever the input is: random echoes through the IF signal, the whole method after tracing, and every trace."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

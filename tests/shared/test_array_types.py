@@ -1,7 +1,5 @@
 """Array shapes in the signatures of ``shared``: every public function states them, and under test they hold."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path

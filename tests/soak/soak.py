@@ -6,8 +6,6 @@ run that was never killed. What is counted stands in ``soak_commands.Tally``. Th
 a Ray cluster of this machine, whose nodes are killed as well.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import os

@@ -1,8 +1,6 @@
 """A small share of ``make soak``: kills at random points of render and trace, and their resumes; what counts as a
 hang."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Cubes as ``trainer import`` and users write them, with noise; a radar of another band than the tiny one."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -4,8 +4,6 @@
 alone and told the model error too.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from paper_arrays import ARRAYS, U, echoes, noise

@@ -1,7 +1,5 @@
 """The paper's three arrays, and snapshots of them: plane waves of targets at known angles, and white noise."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

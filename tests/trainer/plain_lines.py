@@ -1,7 +1,5 @@
 """One row's lines by the procedure of :mod:`trainer.estimators.groups`, plainly: the slow reference of its tests."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The names that help lists are those of the registries, which import what computes."""
 
-from __future__ import annotations
-
 from shared.processes.defaults import BOARD_NAMES
 from shared.radar.boards import BOARDS
 from trainer.defaults import DEFAULT_METHODS, ESTIMATOR_NAMES, EXPERIMENT_NAMES, OF_MEASURED_ROWS

@@ -1,7 +1,5 @@
 """Documents that users write take text, true and false for no numbers, though pydantic would."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

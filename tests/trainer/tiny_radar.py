@@ -1,7 +1,5 @@
 """A tiny radar and datasets of it: what the trainer's tests train on in seconds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

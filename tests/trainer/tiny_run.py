@@ -1,7 +1,5 @@
 """A small fit and what it leaves behind; run folders for tests of what comes after training."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """An experiment whose cells say what became of their process, or end badly: for a worker to import."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Sequence

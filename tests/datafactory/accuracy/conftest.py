@@ -1,7 +1,5 @@
 """A small radar, frames of a tiny scene, and one price list that the command has made of it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

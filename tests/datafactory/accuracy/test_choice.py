@@ -1,7 +1,5 @@
 """The choice among measured prices, and the price list: errors fall where accuracy is bought, all is priced."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import asdict, replace

@@ -3,8 +3,6 @@
 An error budget is settled by them once, kept, and checked on the run.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``datafactory`` as a command: its help, and what it says when it is interrupted."""
 
-from __future__ import annotations
-
 import re
 from importlib.metadata import version
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Effects by name and what switching one off means; what frames decide, said aloud, and the plan's contract."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

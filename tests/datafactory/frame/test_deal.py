@@ -1,7 +1,5 @@
 """Which frame is frame i, of which sequence: every question has one answer, whoever asks."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """How much a frame would change without an effect, against slow sums; what it is then made with; boxes, noise."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What ``check``, ``scenes`` and ``doctor`` say: each missing thing with its remedy, and nothing crashes."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError

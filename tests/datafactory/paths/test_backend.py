@@ -1,7 +1,5 @@
 """The choice of the Mitsuba variant and of libLLVM, with fake libraries and without initialising Dr.Jit."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Echoes of right-angled corners against closed forms and physical optics; in a whole trace, what adds nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

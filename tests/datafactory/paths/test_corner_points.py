@@ -1,7 +1,5 @@
 """Corners against closed forms, rays followed one by one and counts by hand; what turns."""
 
-from __future__ import annotations
-
 import inspect
 from dataclasses import replace
 

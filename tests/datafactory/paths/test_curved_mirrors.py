@@ -3,8 +3,6 @@
 Levels are those of one metal body; the bound of 0.5 dB is for k r > 50.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from curved_scenes import (

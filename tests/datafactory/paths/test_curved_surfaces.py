@@ -1,7 +1,5 @@
 """Which facets sample a curved surface, which stay flat, and what a run says of them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

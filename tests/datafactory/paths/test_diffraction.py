@@ -1,7 +1,5 @@
 """Edges before a radar: closed forms, exact lengths, Sionna's own wedge, and what must not diffract at all."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

@@ -1,7 +1,5 @@
 """The wedges of small meshes whose edges can be counted by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from sionna_scenes import mesh, plate, scene_of

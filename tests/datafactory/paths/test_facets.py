@@ -1,7 +1,5 @@
 """The finite mirror against the Fresnel integrals, the plate's cross section, and the geometry that edges come from."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

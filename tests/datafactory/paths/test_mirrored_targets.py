@@ -4,8 +4,6 @@ The closed form is written here from Fresnel's equations and lengths alone. It s
 the scene's classes alone.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a radar would not notice: bounds before visibility, the limit, the sums in cells, groups; against slow sums."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

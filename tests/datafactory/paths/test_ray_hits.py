@@ -1,7 +1,5 @@
 """The ray fan and what it meets first; aimed rays; the geometry kept by a process, whatever was traced before."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import fields, replace
 

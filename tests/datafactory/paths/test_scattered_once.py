@@ -1,7 +1,5 @@
 """Echoes scattered once and twice: patterns and powers against Sionna's and closed forms, in parts, through panes."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The path table: both delay laws, illumination, reciprocity, a table that stands still; on the disk bit for bit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Fewer paths of the same power: thinned, pruned, sorted, counted; against sums written out."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

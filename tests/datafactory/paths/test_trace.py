@@ -1,7 +1,5 @@
 """One trace: names, hidden mirrors, chains, motion; powers against mirror images, the radar integral, and Sionna's."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 import numpy as np

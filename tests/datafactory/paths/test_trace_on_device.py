@@ -4,8 +4,6 @@ A process has one device, so that every trace has a process of its own. On the p
 with itself; that holds what the test does, where there is no GPU to hold to it.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

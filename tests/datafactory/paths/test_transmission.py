@@ -1,7 +1,5 @@
 """Slabs against a transfer matrix of 40 digits and against Sionna; panes on the way to a point."""
 
-from __future__ import annotations
-
 import mpmath
 import numpy as np
 import pytest

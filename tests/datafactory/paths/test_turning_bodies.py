@@ -1,7 +1,5 @@
 """Unfolded mirrors, and bodies that turn: what paths say of motion against traces of two moments."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from curved_scenes import Mesh, sphere, tube

@@ -1,7 +1,5 @@
 """Targets behind an edge: knife-edge loss, exact lengths, all ways round; what is too far to be heard costs nothing."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from functools import partial
 

@@ -1,7 +1,5 @@
 """What a run takes of the memory: the prediction held against processes, what is refused or announced, what is kept."""
 
-from __future__ import annotations
-
 import json
 import platform
 import sys

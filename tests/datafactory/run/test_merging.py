@@ -1,7 +1,5 @@
 """Jobs of an array: which shards are whose, how they become the run in one piece, and what is refused."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Portions of shards, however they are cut, and the engines that make them; no Ray is started here."""
 
-from __future__ import annotations
-
 import errno
 import socket
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """What is settled before a run: the device, what is said of its inputs, and what is refused."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Shards on disk: plans, files and their notes, folders that a run leaves alone; the dataset's card."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Ground of towns, made once for all tests of scenes."""
 
-from __future__ import annotations
-
 import pytest
 from town_scenes import BARE, ROAD, TOWN
 

@@ -1,7 +1,5 @@
 """Things and their boxes: places, headings, sizes and velocities against numbers computed by hand, class by class."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

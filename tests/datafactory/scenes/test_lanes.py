@@ -1,7 +1,5 @@
 """Streets and lanes, to the right of the middle, smooth; where drawn poses stand, and what they see."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

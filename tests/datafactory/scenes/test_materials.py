@@ -1,7 +1,5 @@
 """Materials: the published formulas behind the table, names that scenes use, and files that users write."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import math

@@ -1,7 +1,5 @@
 """OBJ, PLY and glTF files as other programs write them: polygons, indices, materials, and what is not read."""
 
-from __future__ import annotations
-
 import base64
 import json
 import struct

@@ -1,7 +1,5 @@
 """Parts that move by themselves: rolling wheels and the walker against kinematics, differences and its source."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Populated scenes: what is asked for stands on the ground, clear of everything, and moves as it says."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Poses and free ground: rotations, files, separated regions, and clearance measured against the triangles."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

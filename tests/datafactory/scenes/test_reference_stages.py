@@ -1,7 +1,5 @@
 """Public USD files that nobody here made, where they lie beside the checkout: counts, sizes, materials, motion."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from functools import lru_cache

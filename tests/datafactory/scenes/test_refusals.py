@@ -1,7 +1,5 @@
 """What is wrong in a file or an option is one line; what USD files lack or pass on is made up for."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The entrance to every format, mesh files, cleaning; Mitsuba XML, in agreement with Sionna's own loader."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """USD to metres, z up and triangles, on small stages written here; what asks for more than fits is refused."""
 
-from __future__ import annotations
-
 import base64
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The shipped scenes and assets: materials, stated places and sizes, the bytes that their scripts write or they had."""
 
-from __future__ import annotations
-
 import hashlib
 import sys
 from pathlib import Path

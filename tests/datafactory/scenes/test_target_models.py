@@ -1,7 +1,5 @@
 """Target models: levels by aspect, echo points in the world, USD attributes and name rule, the radar equation."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from usd_files import read

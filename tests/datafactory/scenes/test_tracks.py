@@ -1,7 +1,5 @@
 """Tracks and their files; drawn drives, which keep their limits, their lane and their distance from traffic."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Velocities equal differences of places at every keyframe: rigid, turning, skinned and shaped meshes, and targets."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Motion of USD prims: animations, instances, attributes; chains of transforms against USD's own evaluation."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """USD prims and stages: meshes and solids, polygons cut into triangles, units, axes, layers that are missing."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

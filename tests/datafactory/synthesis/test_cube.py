@@ -1,7 +1,5 @@
 """The fast cube against the float64 sum of eq. (1)-(2), and motion within the chirp against every delay."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import example, given, settings

@@ -1,7 +1,5 @@
 """The truth's vectorised loops, which paths a row sees and their moments, against one path after another."""
 
-from __future__ import annotations
-
 from math import comb
 
 import numpy as np

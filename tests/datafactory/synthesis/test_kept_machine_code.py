@@ -1,7 +1,5 @@
 """Kernels give the same bytes just compiled and from the disk, whatever of them was compiled or loaded before."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

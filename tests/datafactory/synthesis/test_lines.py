@@ -1,7 +1,5 @@
 """The kernel along Doppler lines, and the sorting that chooses it, against the float64 sum of eq. (1)-(2)."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

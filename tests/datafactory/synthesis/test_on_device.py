@@ -1,7 +1,5 @@
 """torch's kernels: the cube against the float64 sum with the compiled kernels' bounds, the truth near theirs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -6,8 +6,6 @@ the first case, Doppler's in the second. Nearer and faster the delay's third der
 and 1 to 3 m, -44 dB at 30 m/s and 3 to 9 m.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

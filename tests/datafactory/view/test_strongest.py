@@ -1,7 +1,5 @@
 """Paths as lines: what the unfolded table says is drawn where the wave went."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

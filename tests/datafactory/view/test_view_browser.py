@@ -1,7 +1,5 @@
 """The page of ``datafactory view`` in a real browser: it draws, says what the pointer meets, and asks for nothing."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``datafactory view`` and cameras beside radar images: what pages are told, pictures, the frames they look at."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Datasets elsewhere, on servers of this machine; the one writer: whole files or none, errors name the final file."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """Kernels: compiled without a folder for their machine code, kept where there is one, and the rule for their calls."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import os

@@ -1,7 +1,5 @@
 """The polynomials of the kernels: unit phasors and range shifts, each against its definition."""
 
-from __future__ import annotations
-
 import mpmath
 import numba
 import numpy as np

@@ -1,7 +1,5 @@
 """Radar cross sections against currents integrated over the body, rays counted through corners, and Mie's series."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from oracles import corner_area, strip

@@ -1,7 +1,5 @@
 """Constants, conversions and vectors against their definitions; a user's error."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

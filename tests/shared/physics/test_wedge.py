@@ -1,7 +1,5 @@
 """Wedge diffraction against exact solutions: Sommerfeld's half plane, and the eigenfunctions of a wedge."""
 
-from __future__ import annotations
-
 import mpmath
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Levels that a picture can show, and where a bin is drawn, however many bins a pixel holds."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from matplotlib.figure import Figure

@@ -1,7 +1,5 @@
 """Worker processes that die are replaced; interrupts, limits of control groups, a stranger's package of our name."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

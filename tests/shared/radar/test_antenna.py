@@ -1,7 +1,5 @@
 """Element patterns: what they promise about power and width."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

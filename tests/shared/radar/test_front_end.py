@@ -1,7 +1,5 @@
 """The front end's imperfections: conversion, phase noise, transmitters that take turns; and how a radar states them."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

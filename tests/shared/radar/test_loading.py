@@ -1,7 +1,5 @@
 """Radar files: what stands for what they do not state, and chirps that need a board or elements."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

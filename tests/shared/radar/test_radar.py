@@ -1,7 +1,5 @@
 """The radar as a description: array, waveform, axes, presets, boards, TOML, metadata; and files that are wrong."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

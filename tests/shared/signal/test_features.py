@@ -1,7 +1,5 @@
 """Features, eq. (7)-(12) in float64, in NumPy and torch; the Doppler of a static world, and back to the velocity."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Images: where targets peak and at which level; the fast matched filter against the exact one; resolution."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

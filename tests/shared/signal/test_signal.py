@@ -1,7 +1,5 @@
 """Eq. (1)-(2) as a signal: level, signs, noise; range-Doppler spectra, the choice of Doppler cells, windows."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """TDM: channels compensated for motion between the turns, the velocity interval, elements that coincide."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from oracles import receiver_noise, reference_file

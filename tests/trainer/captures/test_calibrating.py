@@ -1,7 +1,5 @@
 """Calibration on a simulated board with errors of gain, phase and delay: what another reflector leaves after it."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass

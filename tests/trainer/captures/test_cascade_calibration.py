@@ -1,7 +1,5 @@
 """``calibrateResults*.mat`` of the cascade: applied as TI's scripts apply it, and a capture to calibrate with."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import Any

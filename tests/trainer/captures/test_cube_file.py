@@ -1,7 +1,5 @@
 """The file of a cube: what is written is read, and what was changed since is one line."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

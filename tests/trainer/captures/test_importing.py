@@ -1,7 +1,5 @@
 """Captures that are not what was stated of them: what is refused, doubted, told, and taken all the same."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Raw captures read back: a cube that was simulated, written in each format, is the same to its quantisation."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

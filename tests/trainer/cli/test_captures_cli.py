@@ -1,7 +1,5 @@
 """``trainer import`` and ``calibrate``: from the samples of a board to an image, and what they refuse."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

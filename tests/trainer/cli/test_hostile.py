@@ -3,8 +3,6 @@
 Of what was killed nothing stays behind, and the same command with --resume goes on.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -3,8 +3,6 @@
 One table a command; what depends on files of its own stands with the command's other tests.
 """
 
-from __future__ import annotations
-
 import json
 import shlex
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The test of constant false-alarm rate that chooses the cells of ``--cells all``."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Shards to tensors: the values of the shard, its dtypes, and workers that start cleanly."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 from pathlib import Path

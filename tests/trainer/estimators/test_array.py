@@ -1,7 +1,5 @@
 """The line of elements: spacing, period, the angles scanned, covariances by distances, lines drawn."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """What every estimator keeps to: place and amplitude of a lone target, units, shapes, finite numbers, refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

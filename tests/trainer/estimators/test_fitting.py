@@ -1,7 +1,5 @@
 """The line fit: accuracy, number of lines, resolution, noise alone, hard rows; and the moves that it is made of."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Maximum likelihood, the amplitudes of its lines and their refinement."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from paper_arrays import ARRAYS, echoes, noise, some_rows

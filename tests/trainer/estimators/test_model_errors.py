@@ -1,7 +1,5 @@
 """Rows of imperfect channels at 60 dB SNR, with the noise told that :mod:`shared.signal.model_error` gives them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from measured_rows import MODEL_ERROR_DB, NEAR_CELLS, ROWS, THERMAL, estimator_of, measured_rows, wrong_rows

@@ -1,7 +1,5 @@
 """Delay-and-sum, MUSIC, OMP, IAA, SPICE and LIKES against their papers: exact cases, axes, false alarms."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Velocities to a fraction of a Doppler cell, against a plain search and against the truth."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

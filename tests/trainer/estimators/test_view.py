@@ -1,7 +1,5 @@
 """The views of IAA and of LIKES: their sums written out, a lone target's lobe, echoes that add with their phases."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -3,8 +3,6 @@
 Its refusals stand in ``tests/trainer/cli/test_refusals.py``.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The page of an evaluation: one file that loads nothing, whose data are those that were put in."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

@@ -1,7 +1,5 @@
 """The experiment ``resolution``: the guide's probabilities, efficiency against the bounds, a table with every cell."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

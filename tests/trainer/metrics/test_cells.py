@@ -1,7 +1,5 @@
 """Truth cells, detections and false alarms: by hand, by a slow reference, in noise alone; shuffled, flipped, empty."""
 
-from __future__ import annotations
-
 from itertools import permutations
 
 import numpy as np

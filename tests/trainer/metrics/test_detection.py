@@ -1,7 +1,5 @@
 """Detections: a perfect image, an empty one, white noise, the paper's rules by hand and row by row."""
 
-from __future__ import annotations
-
 from dataclasses import astuple
 from itertools import permutations
 

@@ -1,7 +1,5 @@
 """Peaks of a row and their bounds; images against the truth; intervals of what is averaged over frames."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What the peaks of an image explain of the data, against the same row by row."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -3,8 +3,6 @@
 What ``trainer predict --points`` writes: the column, files for other tools, and lists of whole cubes.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import math

@@ -1,7 +1,5 @@
 """``trainer predict --points``: one detection for each target."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

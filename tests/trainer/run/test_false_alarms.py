@@ -1,7 +1,5 @@
 """What a line must pass: the count of lines in noise, its parts against drawn noise; and lines that just pass."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from captured_cubes import noisy

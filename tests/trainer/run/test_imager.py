@@ -1,7 +1,5 @@
 """A run's network: computed in what the processor has, exported to ONNX; those of the package by their card."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

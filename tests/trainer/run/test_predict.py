@@ -1,7 +1,5 @@
 """``trainer predict``: images of datasets and cubes, animation, and what is refused."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import json

@@ -1,7 +1,5 @@
 """Several training processes: who writes, who ends with whom; each its part of every batch, the same weights."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

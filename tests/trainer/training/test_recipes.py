@@ -1,7 +1,5 @@
 """Recipes: what counts before what, and that every one of them is a configuration."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Cities of all styles: the same bytes, no body in another; parts closed, facing outwards, of planar convex faces."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Cities on road networks: lanes as the analytic reference line has them, roads over the land, traffic in lanes."""
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path
