@@ -210,6 +210,7 @@ def test_a_step_whose_settings_are_shared_is_not_run_again() -> None:
         (["--most-rays", "200000", "--quick"], "200000, which are tried without it; expected more than 200000"),
         # 131 GB: 1300 bytes of a ray with two bounces, twice 50 million of them
         (["--most-rays", "50000000"], "131.3 GB of memory, 8.0 GB may be used; expected at most "),
+        (["--rays", "20000000"], "a reference of 40000000 rays takes 53.3 GB of memory, 8.0 GB may be used"),
     ],
 )
 def test_what_cannot_be_measured_is_refused_before_long_work(

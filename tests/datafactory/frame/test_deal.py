@@ -211,6 +211,19 @@ def test_poses_under_the_ground_are_said() -> None:
         assert remarks(deal, [BARE]) == ["town: 1 of 2 poses are under the ground or inside something"]
 
 
+def test_splits_of_one_scene_alone_are_said() -> None:
+    """Two scenes in turn, eight splits in turn: every test frame would be of one scene."""
+    traffic = tuple(Movers(Scene(name, (CAR,))) for name in "abc")
+    alone = ["all validation frames stand in a", "all test frames stand in b"]
+    poses = tuple(POSES[0] for _ in range(16))
+    assert remarks(Deal(scenes=2, poses=poses, traffic=traffic[:2], split="6:1:1")) == alone
+    assert remarks(Deal(scenes=3, poses=poses, traffic=traffic, split="6:1:1")) == []
+    assert remarks(Deal(scenes=1, poses=poses, traffic=traffic[:1], split="6:1:1")) == []
+    tracks = {"tracks": tuple((pose,) for pose in poses), "track_scenes": (0, 1) * 8}
+    said = remarks(Deal(scenes=2, traffic=traffic[:2], split="6:1:1", **tracks))
+    assert [line for line in said if "all" in line] == alone
+
+
 def test_scenes_without_a_frame_are_said() -> None:
     traffic = tuple(Movers(Scene(name, (CAR,))) for name in "abc")
     rest = "2 of 3 scenes have no frame: b, c"

@@ -178,13 +178,13 @@ def errors_together(
 def _inputs(scene: SweptScene, wanted: dict[str, Any]) -> dict[str, Any]:
     """What a measurement follows from, beside the code."""
     first = scene.swept[0]
-    prepared = first.scene
+    prepared, frames = first.scene, [item.frame for item in scene.swept]
     return {
         "scene": prepared.content,
         "materials": prepared.materials.to_json(),
         "made_with": asdict(first.settings(DEFAULT)),
         "radar": first.order.radar.model_dump(mode="json"),
-        "frames": [[item.frame.frame_id, item.frame.seed, asdict(item.frame.where)] for item in scene.swept],
+        "frames": [[dealt.frame_id, dealt.seed, dealt.shared_seed, asdict(dealt.where)] for dealt in frames],
         "wanted": wanted,
     }
 

@@ -80,21 +80,24 @@ def menu_of_study(quick: bool, rays: int | None, most_rays: int | None, radar: R
     """
     menu = QUICK if quick else STUDY
     if most_rays is not None:
-        _check_most_rays(most_rays, menu, radar)
+        if most_rays <= menu.rays[-1]:
+            raise InputError("--most-rays", f"{most_rays}, which are tried without it", f"more than {menu.rays[-1]}")
+        _require_memory("--most-rays", most_rays, menu, radar)
         menu = menu.with_more_rays(most_rays)
-    return menu if rays is None else replace(menu.with_rays(rays), usual_rays=rays)
+    if rays is None:
+        return menu
+    _require_memory("--rays", rays, menu, radar)
+    return replace(menu.with_rays(rays), usual_rays=rays)
 
 
-def _check_most_rays(most_rays: int, menu: Menu, radar: Radar) -> None:
-    """Refuse rays that are tried anyway, and more than the reference, which has twice as many, has memory for."""
-    if most_rays <= menu.rays[-1]:
-        raise InputError("--most-rays", f"{most_rays}, which are tried without it", f"more than {menu.rays[-1]}")
-    of_reference = TraceSettings(rays=2 * most_rays, depth=menu.usual.depth)
+def _require_memory(option: str, rays: int, menu: Menu, radar: Radar) -> None:
+    """Refuse more rays than the reference, which has twice as many, has memory for."""
+    of_reference = TraceSettings(rays=2 * rays, depth=menu.usual.depth)
     load, limit = Load(radar, ChainSettings(trace=of_reference), traced=True), usable_memory()
     fitting = rays_that_fit(load, limit) // 2
-    if fitting < most_rays:
-        needed = f"a reference of {2 * most_rays} rays takes {amount(load.worker_bytes)} of memory"
-        raise InputError("--most-rays", f"{needed}, {amount(limit)} may be used", f"at most {max(fitting, 0)}")
+    if fitting < rays:
+        needed = f"a reference of {2 * rays} rays takes {amount(load.worker_bytes)} of memory"
+        raise InputError(option, f"{needed}, {amount(limit)} may be used", f"at most {max(fitting, 0)}")
 
 
 def study(samples: Sequence[Sample], menu: Menu, repeats: int, batch: int, advance: Progress) -> list[Row]:

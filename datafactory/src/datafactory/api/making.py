@@ -62,7 +62,9 @@ def render(asked: RenderOptions) -> Report:
     order = order_of(asked)
     if asked.camera and asked.shard is not None:
         raise InputError("--camera", f"beside {OPTION}", "datafactory inspect --camera once the jobs are merged")
-    menu = None if asked.error_budget is None else menu_for(asked.rays, asked.depth)
+    # Of stored paths it is that of the effects alone: their trace has settled rays and depth.
+    swept = asked.error_budget is not None and asked.paths is None
+    menu = menu_for(asked.rays, asked.depth) if swept else None
     report = _made(asked, order, menu)
     return _with_cameras(order, report, asked.progress) if asked.camera else report
 

@@ -142,7 +142,7 @@ class DealOptions(Options, heading="Sampling"):
     """How many frames are drawn, from which seed, for which splits."""
 
     frames: Annotated[int | None, FRAMES] = None
-    seed: Annotated[int, SEED] = 0
+    seed: Annotated[int | None, replace(SEED, usual=0)] = None
     split: Annotated[str | None, Option(
         "Pattern train:validation:test over the frames.", "With ``paths`` that of their trace.",
         usual=DEFAULT_PATTERN)] = None

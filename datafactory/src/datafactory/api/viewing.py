@@ -76,7 +76,7 @@ def _traced_before(asked: ViewOptions, folder: Location) -> Subject:
     traced = StoredSource(order.stored[asked.frame], 0, order.of_scenes).traced(order.radar)
     _, paths = narrowed(traced, order.of_scenes, order.radar)
     entry = order.traced.scenes[traced.scene_number]
-    (given,) = scenes_of(entry.get("source", "") if asked.scene is None else asked.scene, asked, asked.seed)
+    (given,) = scenes_of(entry.get("source", "") if asked.scene is None else asked.scene, asked, order.seed)
     opened = given if isinstance(given, Scene) else recorded(entry, str(given))
     if opened.content_hash() != entry.get("content_sha256"):
         problem = f"is not the scene in which the paths of {folder} were traced"

@@ -108,7 +108,7 @@ def accuracy(asked: AccuracyOptions) -> None:
     for line in report.explanation(menu.effort):
         console.print(line)
     title = (
-        f"{scene}: {count} frame{'s' if count > 1 else ''}, seed {asked.seed}, radar {order.radar.name}, "
+        f"{scene}: {count} frame{'s' if count > 1 else ''}, seed {order.seed}, radar {order.radar.name}, "
         f"{menu.usual_rays} rays, images in batches of {batch}"
     )
     for path in report.write(rows, title, out):

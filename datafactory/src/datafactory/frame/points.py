@@ -137,18 +137,21 @@ def require_close_targets(radar: Radar) -> None:
 
 
 def draw_close_targets(radar: Radar, settings: CloseTargets, generator: np.random.Generator) -> PointTargets:
-    """One frame of static close targets; the same generator state gives the same frame."""
+    """One frame of static close targets, all in view; the same generator state gives the same frame."""
     positions, rcs, noise_db = [], [], float(power_to_db(cell_noise_power(radar)))
     require_close_targets(radar)
     resolution, step = rayleigh_length(radar), radar.waveform.range_step_m
     farthest = min(settings.range_m[1], step * (radar.waveform.range_bins - 2))
     nearest = min(settings.range_m[0], 0.5 * farthest)
     lowest, highest = np.log(settings.separation_rl)
+    left, right = max(radar.grid.u[0], -0.95), min(radar.grid.u[-1], 0.95)
     for _ in range(generator.integers(settings.groups[0], settings.groups[1], endpoint=True)):
         count = int(generator.integers(settings.targets[0], settings.targets[1], endpoint=True))
         separation = resolution * np.exp(generator.uniform(float(lowest), float(highest), count - 1))
         u = np.concatenate([[0.0], np.cumsum(separation)])
-        u = np.clip(u - u.mean() + generator.uniform(*settings.u), -0.95, 0.95)
+        u = u - u.mean() + generator.uniform(*settings.u)
+        u *= min(1.0, (right - left) / max(float(np.ptp(u)), 1e-9))  # a small board's cells are wide
+        u += np.clip(0.0, left - u.min(), right - u.max())
         range_m = generator.uniform(nearest, farthest) + step * generator.uniform(-0.5, 0.5, count)
         level_db = generator.uniform(*settings.level_db, count)
         level_db += generator.uniform(*settings.snr_db) - level_db.max() + noise_db

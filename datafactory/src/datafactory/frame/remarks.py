@@ -53,6 +53,7 @@ def remarks(deal: Deal, opened: Sequence[Scene] = ()) -> list[str]:
         if hidden := int(buried(scene, np.array([pose.position for pose in poses]).reshape(-1, 3)).sum()):
             said.append(f"{scene.name}: {hidden} of {len(poses)} poses are under the ground or inside something")
     said += _on_drives(deal)
+    said += _on_splits(deal)
     said += _on_neighbours(deal)
     near = 0
     for movers, poses in zip(deal.traffic, given if deal.poses else (), strict=False):
@@ -60,6 +61,21 @@ def remarks(deal: Deal, opened: Sequence[Scene] = ()) -> list[str]:
     if near:
         said.append(f"{near} of {len(deal.poses)} poses are within {CLEAR_M:g} m of what drives or walks by")
     return said
+
+
+def _on_splits(deal: Deal) -> list[str]:
+    """The splits whose given poses or tracks all stand in one of several scenes: both are dealt in turn."""
+    if len(deal.traffic) < 2 or not (deal.poses or deal.tracks) or deal.drives is not None:
+        return []
+    scenes = defaultdict[Split, list[int]](list)
+    for number in range(len(deal.tracks) or len(deal.poses)):
+        scene = deal.track_scenes[number] if deal.tracks else deal.scene_of(number)
+        scenes[split_of(number, deal.split)].append(scene)
+    return [
+        f"all {split} frames stand in {deal.traffic[found[0]].scene}"
+        for split, found in scenes.items()
+        if len(found) > 1 and len(set(found)) == 1
+    ]
 
 
 def _on_neighbours(deal: Deal) -> list[str]:

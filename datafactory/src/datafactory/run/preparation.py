@@ -22,7 +22,7 @@ from datafactory.frame.remarks import remarks
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.storage import paths_schema, read_places
 from datafactory.run.portions import Job
-from datafactory.run.shards import PATHS, ShardPlan, plan_shards
+from datafactory.run.shards import ENTRY, PATHS, ShardPlan, plan_shards
 from datafactory.scenes.boxes import boxed_things
 from datafactory.scenes.materials.table import MaterialTable
 from datafactory.scenes.readers.open import open_scene
@@ -117,6 +117,8 @@ def stored_paths(
         were traced with other regions or without the effects that are asked for
     """
     path, manifest = folder / MANIFEST, read_manifest(folder)
+    if ENTRY in manifest:
+        raise InputError(folder, "is a job of an array", "the folder that datafactory merge makes of all jobs")
     records = [record for record in shard_records(path, manifest) if record.path.startswith(f"{PATHS}/")]
     if not records:
         raise InputError(folder, "holds no traced paths", "a folder written by datafactory trace")

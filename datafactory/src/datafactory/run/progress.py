@@ -223,9 +223,12 @@ def _same_arguments(source: Location, directory: Location, before: Any, now: Map
 def first_difference(
     before: Mapping[str, Any], now: Mapping[str, Any], within: str = ""
 ) -> tuple[str, str, str] | None:
-    """Name of the first entry that differs, ``radar.waveform.chirps`` for one in others, and both values in short."""
+    """Name of the first entry that differs, ``radar.waveform.chirps`` or ``poses.3.time`` for one in others, and both
+    values in short."""
     for name in [*now, *(name for name in before if name not in now)]:
         had, has = before.get(name), now.get(name)
+        if isinstance(had, list) and isinstance(has, list) and len(had) == len(has):
+            had, has = dict(enumerate(had)), dict(enumerate(has))
         if isinstance(had, dict) and isinstance(has, dict):
             if different := first_difference(had, has, f"{within}{name}."):
                 return different
