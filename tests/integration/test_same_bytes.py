@@ -41,6 +41,22 @@ def test_rendered_traced_and_rendered_from_traces(radar_file: Path, tmp_path: Pa
         assert json.dumps(but_made(merged)) == json.dumps(but_made(whole))
 
 
+def test_paths_of_a_job_are_not_rendered(radar_file: Path, tmp_path: Path) -> None:
+    traced = ("--radar", radar_file, "--rays", 100, "--frames", 9, "--out", tmp_path)
+    run("trace", TINY, *traced, "--shard", "0/2")
+    with pytest.raises(InputError, match="is a job of an array; expected the folder that datafactory merge makes"):
+        run("render", "--paths", tmp_path / "job-0-of-2", "--radar", radar_file, "--out", tmp_path / "frames")
+
+
+def test_the_error_budget_of_stored_paths_is_that_of_effects(radar_file: Path, tmp_path: Path) -> None:
+    run("trace", TINY, "--radar", radar_file, "--rays", 100, "--frames", 1, "--out", tmp_path / "traced")
+    stored = ("render", "--paths", tmp_path / "traced", "--radar", radar_file)
+    run(*stored, "--error-budget", -40, "--out", tmp_path / "frames")
+    manifest = but_made(tmp_path / "frames")
+    assert manifest["arguments"]["budget_db"] == -40.0
+    assert "error_budget" not in manifest
+
+
 def test_another_seed_draws_other_noise_of_the_same_paths(radar_file: Path, tmp_path: Path) -> None:
     run("trace", TINY, "--radar", radar_file, "--rays", 500, "--frames", 2, "--seed", 3, "--out", tmp_path / "traced")
     stored = ("render", "--paths", tmp_path / "traced", "--radar", radar_file)

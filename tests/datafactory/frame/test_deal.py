@@ -219,8 +219,8 @@ def test_splits_of_one_scene_alone_are_said() -> None:
     assert remarks(Deal(scenes=2, poses=poses, traffic=traffic[:2], split="6:1:1")) == alone
     assert remarks(Deal(scenes=3, poses=poses, traffic=traffic, split="6:1:1")) == []
     assert remarks(Deal(scenes=1, poses=poses, traffic=traffic[:1], split="6:1:1")) == []
-    tracks = {"tracks": tuple((pose,) for pose in poses), "track_scenes": (0, 1) * 8}
-    said = remarks(Deal(scenes=2, traffic=traffic[:2], split="6:1:1", **tracks))
+    tracks = tuple((pose,) for pose in poses)
+    said = remarks(Deal(scenes=2, traffic=traffic[:2], split="6:1:1", tracks=tracks, track_scenes=(0, 1) * 8))
     assert [line for line in said if "all" in line] == alone
 
 

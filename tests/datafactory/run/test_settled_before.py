@@ -18,6 +18,7 @@ from datafactory.run import pipeline, shards
 from datafactory.run.memory import processes
 from datafactory.run.pipeline import Report
 from datafactory.run.preparation import prepare
+from datafactory.run.progress import first_difference
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.scene import Scene
 from datafactory.synthesis import cube
@@ -201,3 +202,14 @@ def test_two_scenes_of_one_name_are_refused(tmp_path: Path) -> None:
     there.write_text(there.read_text(encoding="utf-8").replace('"brick"', '"glass"'), encoding="utf-8")
     with pytest.raises(InputError, match=r"--scene: .*one/tiny.usda and .*other/tiny.usda have one name, 'tiny'"):
         names(here, there)
+
+
+def test_what_differs_of_a_list_is_named_by_its_place() -> None:
+    """The beginning of a long list would be alike in both."""
+    before = {"poses": [{"position": [float(n), 0.0, 0.5], "time": 0.0} for n in range(40)]}
+    now = {"poses": [*before["poses"][:39], {"position": [39.0, 0.1, 0.5], "time": 0.0}]}
+    assert first_difference(before, now) == ("poses.39.position.1", "0.0", "0.1")
+    assert first_difference(before, before) is None
+    shorter = first_difference(before, {"poses": before["poses"][:3]})
+    assert shorter is not None
+    assert shorter[0] == "poses"
