@@ -23,7 +23,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.paths.candidates import PANE
+from datafactory.paths.candidates import PANE, TARGET_SEEN
 from datafactory.paths.cells import cell_map
 from datafactory.paths.notice import Notice, strongest
 from datafactory.paths.table import CORNER, DIFFRACTED, DIFFUSE, REFRACTED, SPECULAR, TARGET, PathTable
@@ -167,8 +167,11 @@ class Decided:
         """The table without the paths that are not followed, of a frame traced for this radar those beyond panes."""
         panes = bool(self.worth[table.candidates.family == PANE].any())
 
+        seen = table.candidates.family == TARGET_SEEN
+
         def kept(candidate: NDArray[np.int32], kinds: NDArray[np.uint8]) -> NDArray[np.bool_]:
             followed = np.append(self.worth, True)[candidate]  # -1, of what is always there, is the last
+            followed |= np.append(seen, False)[candidate] & (kinds & DIFFRACTED == 0)  # point targets in plain sight
             return followed if panes else followed & (kinds & REFRACTED == 0)
 
         scattered, specular = table.scattered, table.specular

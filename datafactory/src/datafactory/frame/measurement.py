@@ -84,13 +84,13 @@ class Measurement:
     :param frame: its columns, but for the image; of the targets those that are known beforehand
     :param moments: [terms, R, C] of the virtual sensor
     :param counts: what the frame adds to the manifest's counts
-    :param window: over the virtual sensor's elements, which the moments have
+    :param processing: that made them
     """
 
     frame: Frame
     moments: NDArray[np.complex64]
     counts: Mapping[str, int]
-    window: str
+    processing: Processing
 
 
 def measure(
@@ -127,7 +127,7 @@ def measure(
     if radar.front_end.converter is not None:
         counts["converter_saturated"] = recorded.saturated
     moments = moments * angle_window(processing.truth_window, moments.shape[-1]).astype(np.float32)
-    return Measurement(frame, moments, counts, processing.truth_window)
+    return Measurement(frame, moments, counts, processing)
 
 
 def _as_it_moves(paths: PathTable, radar: Radar, processing: Processing) -> PathTable:
@@ -145,7 +145,7 @@ def image(
         frame, magnitude = measurement.frame, np.abs(picture)
         peak, targets, of_scene = float(magnitude.max()), frame.targets, frame.kind == "scene"
         if of_scene:
-            cells = listed_cells(magnitude, frame, radar, measurement.window)
+            cells = listed_cells(magnitude, frame, radar, measurement.processing)
             targets = tuple(sorted((*targets, *cells), key=lambda target: -target.amplitude_db))
         counts = Counter(measurement.counts)
         counts["frames_empty"] += of_scene and not targets

@@ -8,7 +8,8 @@ b is the error budget, P_peak the power in the frame's own strongest cell of fir
 the truth's image shows it, and N the receiver's noise in a range-Doppler cell of a channel, the dataset's
 ``noise_power``. Without noise the budget counts alone. Powers are summed without phase (:mod:`.cells`). In every cell
 candidates are left out from the weakest on, as long as the sum of their bounds stays below the limit. A group
-(:data:`.candidates.GROUPS`) goes only where every part of it may. Point targets themselves are not left out.
+(:data:`.candidates.GROUPS`) goes only where every part of it may. Point targets in plain sight are not left out: they
+are listed.
 
 The decision is a function of the frame's paths and candidates, the radar and the budget: the same before anything is
 tested for visibility and afterwards, from stored paths.
@@ -20,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datafactory.paths.candidates import GROUPS, TARGET_SEEN, Candidates
+from datafactory.paths.candidates import GROUPS, Candidates
 from datafactory.paths.cells import cell_numbers, cell_power, share_on_grid
 from datafactory.paths.table import DIFFUSE, SPECULAR, PathTable, ScatteredPaths, SpecularPaths, amplitude_gain
 from shared.physics.compiled import compiled
@@ -105,8 +106,6 @@ class Notice:
         )
         cell = row * columns + column
         worth = _exceeds(cell, power, np.lexsort((power, cell)), limit_w)
-        # What is listed as a target is simulated: its label would have no echo.
-        worth |= (candidates.family == TARGET_SEEN) & (power > 0.0)
         for group in GROUPS:
             members = candidates.family == group
             worth[members] = worth[members].any()

@@ -192,12 +192,15 @@ class TargetEchoes:
         return Candidates.joined([itself, Candidates.of(TARGET_MIRRORED, ahead, followed)])
 
     def seen(self, worth: Mask) -> Heard:
-        """The echoes, no paths without a scattering point, and the numbers of those left out."""
+        """The echoes, no paths without a scattering point, and the numbers of those left out.
+
+        What is in plain sight is listed as a target, and simulated whether it is worth it or not.
+        """
         view, points, settings = self._view, self._points, self._view.settings
         position, count = points.position, len(points)
-        itself = worth[:count]
         over_mirrors = worth[count:][points.target] if self._over_mirrors else np.zeros(count, dtype=bool)
-        tried = np.flatnonzero(itself | over_mirrors)
+        heard = points.rcs_m2 > 0.0
+        tried = np.flatnonzero(heard | over_mirrors)
         clear = np.zeros(count, dtype=bool)
         clear[tried] = view.sight(np.zeros((len(tried), 3)), position[tried])
         out, back = clear.astype(np.complex128), clear.astype(np.complex128)
@@ -208,8 +211,7 @@ class TargetEchoes:
             out[behind], back[behind] = (ways[which] for which in settings.polarization)
             kinds[behind] |= REFRACTED
         in_sight = np.abs(out * back) > FAINTEST**2
-        heard = itself & (points.rcs_m2 > 0.0)
-        hidden = heard & ~in_sight
+        hidden = worth[:count] & heard & ~in_sight
         counts = {
             "targets_faint": int((self._loudness < FAINTEST_ECHO).sum()),
             "point_targets_hidden": int(hidden.sum()),
