@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from datafactory.paths import cells, corner_aperture, facets, geometry
 from datafactory.paths.planes import Rim
 from datafactory.synthesis import doppler_moments, frame_lines, lines, lines_at_centres, mid_frame, spread
+from shared.physics.vectors import aligned
 from shared.signal import near_field_kernels
 from trainer.estimators.array import LineArray
 from trainer.estimators.fitting import GroupTest, RangePlace, fit_groups, fit_lines
@@ -63,7 +64,7 @@ def along_lines() -> Arrays:
     """Paths along Doppler lines with all three separable terms, and the sums over the lines."""
     draw, (tx, rx), node = numbers(5), elements(), np.linspace(-0.5, 0.5, 16)
     cells, taps, terms, powers, line_taps = 128, 5, 4, 10, 8
-    grid = spread.aligned((40, 3 * rx.shape[1] // spread.LANES, cells + taps - 1, 2, spread.LANES), np.float32)
+    grid = aligned((40, 3 * rx.shape[1] // spread.LANES, cells + taps - 1, 2, spread.LANES), np.float32)
     grid.fill(0.0)
     paths = lines_at_centres.Paths(
         table(), draw.uniform(-10.0, 10.0, PATHS), draw.integers(0, 40 - line_taps, PATHS),

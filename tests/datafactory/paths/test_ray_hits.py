@@ -18,7 +18,7 @@ from datafactory.paths.cells import RANGE_CELL_M, U_CELL
 from datafactory.paths.corners import corners_of, points_of
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.edges import edges_of
-from datafactory.paths.geometry import Geometry, first_hits, mesh_of_shape
+from datafactory.paths.geometry import Geometry, aligned_rows, first_hits, mesh_of_shape
 from datafactory.paths.merged_scene import MergedScene, merge_scene
 from datafactory.paths.rays import UNIFORM_IN_U, RayFan, _azimuth_at
 from datafactory.paths.slabs import Slabs
@@ -41,6 +41,15 @@ TWO_WALLS = scene_of(
 def rays(count: int, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     towards = np.stack([np.full(count, 9.0), *generator.uniform(-4.0, 4.0, (2, count))], axis=1)
     return np.zeros((count, 3)), towards / np.linalg.norm(towards, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("count", [1, 15, 16, 17, 40])
+def test_rays_lie_where_dr_jit_s_vectors_do(generator, count):
+    values = generator.normal(size=(count, 3)).T
+    rows = aligned_rows(values)
+    assert rows.dtype == np.float32
+    np.testing.assert_array_equal(rows, values.astype(np.float32))
+    assert all(row.ctypes.data % 64 == 0 and row.flags.c_contiguous for row in rows)
 
 
 def test_the_first_of_two_walls_is_met_within_reach(generator):

@@ -208,7 +208,7 @@ def test_what_differs_of_a_list_is_named_by_its_place() -> None:
     """The beginning of a long list would be alike in both."""
     before = {"poses": [{"position": [float(n), 0.0, 0.5], "time": 0.0} for n in range(40)]}
     now = {"poses": [*before["poses"][:39], {"position": [39.0, 0.1, 0.5], "time": 0.0}]}
-    assert first_difference(before, now) == ("poses.39.position.1", "0.0", "0.1")
+    assert first_difference(before, now) == ("poses.39.position", "[39.0, 0.0, 0.5]", "[39.0, 0.1, 0.5]")
     assert first_difference(before, before) is None
     shorter = first_difference(before, {"poses": before["poses"][:3]})
     assert shorter is not None

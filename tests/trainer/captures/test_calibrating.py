@@ -16,10 +16,10 @@ from shared.physics.units import power_to_db
 from shared.radar import Radar, load_radar
 from shared.signal.signal import if_signal
 from shared.signal.windows import hann
-from trainer.captures.calibrating import Place, calibrate, residual
+from trainer.captures.calibrating import Place, _moving, calibrate, residual
 from trainer.captures.calibration import Calibration, read_calibration, to_toml
 from trainer.captures.cube_file import Capture, read_cube
-from trainer.captures.importing import import_capture, read_capture
+from trainer.captures.importing import RawCapture, import_capture, read_capture
 from trainer.captures.options import Reading
 
 BOARD = "mmwcas-azimuth"
@@ -258,3 +258,14 @@ def test_a_channel_far_behind_the_others_is_named(bench: Bench) -> None:
     bench.delay_s[3] = 0.9 / bench.radar.waveform.bandwidth_hz
     with pytest.raises(InputError, match=r"a\.npy: channels 3 stand 0\.6 range bins or more off .* expected delays"):
         bench.calibrate([bench.measure("a.npy", 4.0, 10.0, 0.01)])
+
+
+@pytest.mark.parametrize("chirps", [1, 2, 3, 5])
+def test_noise_in_many_frames_is_nothing_that_moves(bench: Bench, chirps: int) -> None:
+    """The mean over all frames shows the reflector, where each frame is noise."""
+    radar = bench.radar.model_copy(update={"waveform": bench.radar.waveform.model_copy(update={"chirps": chirps})})
+    generator, place = np.random.default_rng(1), Place(Path("a"), 4.0, 10.0)
+    echo = if_signal(radar.of_one_chirp, place.position[None], np.zeros((1, 3)), np.ones(1, dtype=complex))[0]
+    shape = (60, chirps, *echo.shape)
+    noise = generator.standard_normal((*shape, 2)) @ np.array([5.0, 5.0j])
+    assert _moving(RawCapture((echo + noise).astype(np.complex64), radar, "", "relative", (), ()), place) == []

@@ -265,6 +265,9 @@ def order_of(asked: OrderOptions, synthesis: bool = True) -> Order:
     if not isinstance(asked.effects, Iterable):
         raise InputError("--effects", repr(asked.effects), "auto, all, or names of effects")
     effects = parse_effects(asked.effects if isinstance(asked.effects, str) else ",".join(asked.effects))
+    if traced and asked.error_budget is not None and effects is not None:
+        expected = "--effects auto, or datafactory trace with --error-budget"
+        raise InputError("--error-budget", "beside --paths and chosen effects: it would change nothing", expected)
     radar, folder, rows = radar_of(asked.radar), None, tuple[StoredRow, ...]()
     if asked.paths is not None:
         folder, rows = stored_paths(locate(asked.paths), radar, asked.split, effects)

@@ -265,7 +265,7 @@ def _reason(name: str, frames: Sequence[FramePlan], worst: Loss) -> str:
     if having and worst.change_db <= FLOOR_DB:
         return f"{what}{in_frames}"
     if having:
-        held = f"; the limit is {limit}" if name in {*FAMILIES, "doppler"} else ""
+        held = f"; the limit is {limit}" if name in {*FAMILIES, "doppler"} - {"rcs_targets"} else ""
         return f"{what}: {_told(worst.change_db)} of the peak without it{in_frames}{held}"
     if bound_db <= FLOOR_DB and worst.change_db <= FLOOR_DB:
         return ABSENT.get(name, what)

@@ -137,7 +137,8 @@ def require_close_targets(radar: Radar) -> None:
 
 
 def draw_close_targets(radar: Radar, settings: CloseTargets, generator: np.random.Generator) -> PointTargets:
-    """One frame of static close targets, all in view; the same generator state gives the same frame."""
+    """One frame of static close targets, all in view and within 0.95 of u; the same generator state gives the same
+    frame."""
     positions, rcs, noise_db = [], [], float(power_to_db(cell_noise_power(radar)))
     require_close_targets(radar)
     resolution, step = rayleigh_length(radar), radar.waveform.range_step_m
@@ -150,8 +151,9 @@ def draw_close_targets(radar: Radar, settings: CloseTargets, generator: np.rando
         separation = resolution * np.exp(generator.uniform(float(lowest), float(highest), count - 1))
         u = np.concatenate([[0.0], np.cumsum(separation)])
         u = u - u.mean() + generator.uniform(*settings.u)
-        u *= min(1.0, (right - left) / max(float(np.ptp(u)), 1e-9))  # a small board's cells are wide
-        u += np.clip(0.0, left - u.min(), right - u.max())
+        u *= min(1.0, 0.9 * (right - left) / max(float(np.ptp(u)), 1e-9))  # a small board's cells are wide
+        if u.min() < left or u.max() > right:
+            u += left + (right - left - np.ptp(u)) * generator.random() - u.min()
         range_m = generator.uniform(nearest, farthest) + step * generator.uniform(-0.5, 0.5, count)
         level_db = generator.uniform(*settings.level_db, count)
         level_db += generator.uniform(*settings.snr_db) - level_db.max() + noise_db

@@ -25,10 +25,8 @@ from datafactory.paths.backend import select_variant
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.scenes.poses import Pose
 from shared.physics.compiled import compiled
-from shared.physics.vectors import Index, Mask, Real
+from shared.physics.vectors import ALIGNMENT, Index, Mask, Real, aligned
 
-ALIGNMENT = 64
-"""Of Dr.Jit's own arrays [bytes]."""
 MARGIN_M, MARGIN_SHARE = 1e-4, 2e-5
 """Error of a ray's float32 distance [m], nearby and as a share of the distance."""
 
@@ -178,25 +176,21 @@ def _rays(start: NDArray[np.floating], direction: NDArray[np.floating], reach: N
     """Mitsuba's rays from ``start`` [3, K] along ``direction`` [3, K], no longer than ``reach`` [K]."""
     import mitsuba as mi
 
-    ray: Any = mi.Ray3f(mi.Point3f(*aligned(start)), mi.Vector3f(*aligned(direction)))
-    (ray.maxt,) = aligned(reach[None])
+    ray: Any = mi.Ray3f(mi.Point3f(*aligned_rows(start)), mi.Vector3f(*aligned_rows(direction)))
+    (ray.maxt,) = aligned_rows(reach[None])
     return ray
 
 
-def aligned(values: NDArray[np.floating]) -> NDArray[np.float32]:
+def aligned_rows(values: NDArray[np.floating]) -> NDArray[np.float32]:
     """[n, K] numbers as float32, each row of which begins at a multiple of ``ALIGNMENT`` bytes.
 
     Dr.Jit works on NumPy's memory where it lies, and has a kernel of its own for every choice of rows that do not begin
     there: of a ray's seven there could be 128, each compiled when it is first met.
     """
-    count = values.shape[1]
-    numbers = ALIGNMENT // np.dtype(np.float32).itemsize
-    padded = -(-count // numbers) * numbers
-    memory = np.empty(len(values) * padded + numbers, dtype=np.float32)
-    first = -memory.ctypes.data % ALIGNMENT // memory.itemsize
-    rows = memory[first : first + len(values) * padded].reshape(len(values), padded)[:, :count]
+    count, numbers = values.shape[1], ALIGNMENT // np.dtype(np.float32).itemsize
+    rows = aligned((len(values), -(-count // numbers) * numbers), np.float32)[:, :count]
     rows[...] = values
-    return rows
+    return np.asarray(rows, dtype=np.float32)
 
 
 @compiled()

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from datafactory.defaults import DEFAULT_DEPTH, DEFAULT_RAYS
 from datafactory.paths.backend import select_variant
 from datafactory.paths.columns import Columns
-from datafactory.paths.geometry import Geometry, aligned, name_of
+from datafactory.paths.geometry import Geometry, aligned_rows, name_of
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import LOBE_EXPONENT, MIRROR_SHARE
@@ -242,7 +242,7 @@ def _rays_of_fan(fan: RayFan) -> Iterator[None]:
     from sionna.rt.path_solvers import sb_candidate_generator as generator
     from sionna.rt.path_solvers import sb_deterministic as deterministic
 
-    square = aligned(fan.unit_square().T)
+    square = aligned_rows(fan.unit_square().T)
 
     def lattice(count: int):
         return mi.Point2f(*square)

@@ -227,7 +227,7 @@ def first_difference(
     values in short."""
     for name in [*now, *(name for name in before if name not in now)]:
         had, has = before.get(name), now.get(name)
-        if isinstance(had, list) and isinstance(has, list) and len(had) == len(has):
+        if isinstance(had, list) and isinstance(has, list) and len(had) == len(has) and _are_nested([*had, *has]):
             had, has = dict(enumerate(had)), dict(enumerate(has))
         if isinstance(had, dict) and isinstance(has, dict):
             if different := first_difference(had, has, f"{within}{name}."):
@@ -235,6 +235,11 @@ def first_difference(
         elif had != has or (name in before) != (name in now):
             return f"{within}{name}", _short(before, name), _short(now, name)
     return None
+
+
+def _are_nested(values: Sequence[Any]) -> bool:
+    """Whether all are dictionaries or lists: together they are too long to be shown."""
+    return all(isinstance(item, dict | list) for item in values)
 
 
 def _short(arguments: Mapping[str, Any], name: str) -> str:

@@ -37,9 +37,10 @@ from datafactory.synthesis.sorting import (
     PathsAlongLines,
     range_cells,
 )
-from datafactory.synthesis.spread import LANES, Sensor, aligned, columns, padded
+from datafactory.synthesis.spread import LANES, Sensor, columns, padded
 from shared.physics.compiled import compiled
 from shared.physics.cycles import phasor_like
+from shared.physics.vectors import aligned
 from shared.signal.sweep import (
     sweep_positions,
 )

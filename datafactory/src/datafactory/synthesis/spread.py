@@ -34,6 +34,7 @@ from datafactory.paths.table import ScatteredPaths
 from shared.physics.compiled import compiled, inlined
 from shared.physics.cycles import phasor, phasor_like
 from shared.physics.units import SPEED_OF_LIGHT
+from shared.physics.vectors import aligned
 
 CHUNK = 64
 """Paths whose phases are evaluated together: long enough to vectorise, short enough to stay in the first cache."""
@@ -105,15 +106,6 @@ def empty_moments(
 ) -> Float[np.ndarray, "{cells} {tx_count} panels {terms}*2*16"]:
     """Uninitialised moments of panels of LANES elements, real and imaginary parts apart."""
     return aligned((cells, tx_count, -(-rx_count // LANES), terms * 2 * LANES), real)
-
-
-def aligned(shape: tuple[int, ...], real: DTypeLike) -> Float[np.ndarray, ...]:
-    """An uninitialised array that starts on a boundary of 64 bytes: storing a vector across two cache lines takes twice
-    the time."""
-    size = int(np.prod(shape)) * np.dtype(real).itemsize
-    raw = np.empty(size + 64, dtype=np.uint8)
-    first = -raw.ctypes.data % 64
-    return raw[first : first + size].view(real).reshape(shape)
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)

@@ -181,13 +181,13 @@ def estimated_motion(
     equal votes the slowest is taken. Beside its pair, each of n - 2 others agrees with a wrong one by chance p = 2
     :data:`AGREEING_CELLS` / cells of the axis; the number of proposals times the binomial tail is at most
     :data:`MOST_BY_CHANCE`. The standard deviation is that of least squares with as many detections as there are Doppler
-    cells: those of one err together, by the rounding to its centre. It does not hold what heights do: in a street the
-    estimate was 0.5 to 1.4 % slow (docs/notes/ego-motion.md).
+    cells: those of one err together, by the rounding to its centre. It does not hold what heights do: the estimate is
+    slow by up to 4 standard deviations in a street (docs/notes/ego-motion.md).
 
     :param seed: of the frame
     """
     waveform, period = radar.waveform, velocity_period_mps(radar)
-    if len(u) < LEAST_AGREEING:
+    if len(u) < LEAST_AGREEING or not waveform.tells_velocity:
         return None
     rows = -np.stack([np.sqrt(np.maximum(1.0 - u**2, 0.0)), u], axis=1)
     near = AGREEING_CELLS * waveform.velocity_step_mps
@@ -204,6 +204,8 @@ def estimated_motion(
         votes = (np.abs(folded(velocity_mps - proposed @ rows.T, period)) <= near).sum(axis=1)
         for count, slow, velocity in zip(votes.tolist(), (-speed).tolist(), proposed, strict=True):
             best = max(best, (count, slow, velocity), key=lambda one: one[:2])
+    if not proposals:  # nothing stands far enough apart
+        return None
     velocity = best[2]
     for _ in range(3):
         away = folded(velocity_mps - rows @ velocity, period)

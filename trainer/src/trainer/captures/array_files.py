@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
 from shared.radar import CaptureRadar, Radar
+from shared.radar.boards import BOARDS
 from trainer.captures.options import Reading
 from trainer.captures.samples import as_cube, chosen_frames
 
@@ -87,7 +88,8 @@ def read_array_capture(
     if ("iq" in words) is of_board.real:
         here, there, right = "real", "complex", "complex numbers, an axis iq, or real = true under [capture]"
         if of_board.real:
-            here, there, right = "complex", "real", "real numbers, or real = false under [capture] where there is Q"
+            here, there, right = "complex", "real", "real numbers"
+            right += "" if BOARDS[reading.board]().profile.real else ", or real = false under [capture]"
         raise InputError(path, f"{name} has {here} samples, radar {radar.name!r} {there} ones", right)
     words += [word for word in NAMES if word not in words]
     values = with_sign(values).reshape([lengths.get(word, 1) for word in words])

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
-from shared.radar import CaptureRadar
+from shared.radar import CaptureRadar, Radar
 from trainer.captures.options import Frames, Reading
 from trainer.captures.samples import Sizes, as_cube, chosen_frames, frames_there, read_numbers, sizes_of
 
@@ -82,6 +82,12 @@ def cascade_files(path: Path) -> list[Path]:
     return files
 
 
+def sizes_of_cascade(radar: Radar) -> Sizes:
+    """Of a frame in the file of one device."""
+    waveform = radar.waveform
+    return Sizes(waveform.chirps, len(radar.array.tx_m), RX_OF_DEVICE, waveform.samples, real=False)
+
+
 def read_cascade(path: Path, of_board: CaptureRadar, reading: Reading) -> NDArray[np.complex64]:
     """[frame, chirp, sample, C] in counts of the converter.
 
@@ -89,8 +95,7 @@ def read_cascade(path: Path, of_board: CaptureRadar, reading: Reading) -> NDArra
     :raises InputError: a file that is missing, or whose size does not fit its index, the radar or the other files
     """
     radar = of_board.radar
-    files, waveform = cascade_files(path), radar.waveform
-    sizes = Sizes(waveform.chirps, len(radar.array.tx_m), RX_OF_DEVICE, waveform.samples, real=False)
+    files, sizes = cascade_files(path), sizes_of_cascade(radar)
     counts = [_frames_of(file, sizes, reading.frames) for file in files]
     if len(set(counts)) != 1 and reading.frames is None:
         told = ", ".join(f"{device} {count}" for device, count in zip(DEVICES, counts, strict=True))

@@ -36,7 +36,7 @@ from shared.physics.units import amplitude_to_db, db_to_power, power_to_db
 from shared.processes.declared import taking
 from shared.radar import Radar
 from shared.signal.signal import if_signal_of_delays, round_trip_delays
-from shared.signal.windows import unit_hann
+from shared.signal.windows import hann_envelope_db, unit_hann
 from trainer.captures.calibration import Calibration, Reflector, write_calibration
 from trainer.captures.importing import RawCapture, read_capture
 from trainer.captures.options import CalibrateOptions
@@ -50,6 +50,7 @@ CLEAR_DB = 15.0
 """A reflector stands that much above the median of the range profile, ..."""
 SIDELOBE_MARGIN_DB = 10.0
 """... and that much above the sidelobes of every other echo."""
+LEAKAGE_BINS = 2
 MOVES_DB = -10.0
 """An echo that moves, of the reflector's power in its range bin: the chirps' mean is then no echo that stands still."""
 DELAY_BINS, FINE_BINS = 0.6, 0.02
@@ -125,7 +126,7 @@ def calibrate(asked: CalibrateOptions) -> Calibration:
     captures, lines = list[RawCapture](), list[str]()
     for place in places:
         read = read_capture(place.source, asked)
-        lines += _moving(read, place)
+        lines += [*read.notes, *_moving(read, place)]
         captures.append(_average(read))
         if captures[-1].radar != captures[0].radar:
             raise InputError(place.source, "other chirps than the first capture", "the same")
@@ -136,7 +137,9 @@ def calibrate(asked: CalibrateOptions) -> Calibration:
     ]
     tried: list[tuple[RawCapture, Place, Calibration]] = []
     if check is not None:
-        tried.append((read_capture(check.source, asked), check, calibration))
+        read = read_capture(check.source, asked)
+        lines += [*read.notes, *_moving(read, check)]
+        tried.append((read, check, calibration))
     elif len(places) > 1:
         for index, place in enumerate(places):
             others = [i for i in range(len(places)) if i != index]
@@ -165,14 +168,18 @@ def _average(capture: RawCapture) -> RawCapture:
 def _moving(capture: RawCapture, place: Place) -> list[str]:
     """A line that warns of what moves in the reflector's range bin."""
     waveform = capture.radar.waveform
-    if not waveform.tells_velocity:
-        return []
     chirp = _demodulated(_average(capture), place)
-    at = SEARCHED[np.mean(np.abs(_spectrum(chirp, SEARCHED)) ** 2, axis=1).argmax()]
-    weights = _tone(len(chirp), np.array([at]))[0, :, None] * _echo(capture.radar, place).conj()
-    chirps = np.einsum("fmnc,nc->fmc", capture.cube, weights) * unit_hann(waveform.chirps)[:, None]
+    at = np.array([SEARCHED[_searched(chirp).argmax()]])
+    weights = _tone(len(chirp), at)[0, :, None] * _echo(capture.radar, place).conj()
+    window = unit_hann(waveform.chirps)
+    chirps = np.einsum("fmnc,nc->fmc", capture.cube, weights) * window[:, None]
     power = np.mean(np.abs(np.fft.fft(chirps, axis=1)) ** 2, axis=(0, 2))
-    cell = 2 + int(power[2:-1].argmax())  # beside the main lobe of what stands still
+    every_bin = np.fft.fft(unit_hann(len(chirp))[:, None] * capture.cube[0], axis=1)
+    noise = np.sum(window**2) * np.median(np.mean(np.abs(every_bin) ** 2, axis=(0, 2)))
+    beside = power[2:-1]  # of the main lobe of what stands still
+    if not beside.size or beside.max() < float(db_to_power(CLEAR_DB)) * noise:
+        return []
+    cell = 2 + int(beside.argmax())
     level = float(power_to_db(power[cell] / max(float(power[0]), np.finfo(np.float64).tiny)))
     if level < MOVES_DB:
         return []
@@ -188,11 +195,11 @@ def _fit(captures: Sequence[RawCapture], places: Sequence[Place], board: str) ->
     alive = np.setdiff1d(np.arange(radar.array.channels), dead)
     if not len(alive):
         raise InputError(places[0].source, "no channel with an echo of the reflector", "one at least")
-    far = [str(channel) for channel in alive if any(np.isnan(at[channel]) for _, at in responses)]
-    if far:
-        problem = f"channels {', '.join(far)} stand {DELAY_BINS:g} range bins or more off what they have in common"
-        most_ps = 1e12 * DELAY_BINS / radar.waveform.bandwidth_hz
-        raise InputError(places[0].source, problem, f"delays within {most_ps:.0f} ps, by a narrower sweep say")
+    for place, (_, at) in zip(places, responses, strict=True):
+        if far := [str(channel) for channel in alive if np.isnan(at[channel])]:
+            problem = f"channels {', '.join(far)} stand {DELAY_BINS:g} range bins or more off what they have in common"
+            most_ps = 1e12 * DELAY_BINS / radar.waveform.bandwidth_hz
+            raise InputError(place.source, problem, f"delays within {most_ps:.0f} ps, by a narrower sweep say")
     factors = np.array([factor[alive] for factor, _ in responses])
     channel = np.ones(radar.array.channels, np.complex128)
     channel[alive] = np.linalg.svd(factors, full_matrices=False)[2][0]
@@ -247,26 +254,28 @@ def _tone(samples: int, bins: NDArray[np.float64]) -> NDArray[np.complex128]:
     return np.asarray(turn * unit_hann(samples))
 
 
-def _sidelobe_db(bins: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Envelope of the Hann window's spectrum, 1 / (pi d (d^2 - 1)) at d bins from its middle; 0 dB in the main lobe."""
-    away = np.maximum(np.abs(bins), 2.0)
-    return np.where(np.abs(bins) < 2.0, 0.0, -amplitude_to_db(np.pi * away * (away**2 - 1.0)))
+def _searched(chirp: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """[nu] power at :data:`SEARCHED`, mean of the channels."""
+    return np.asarray(np.mean(np.abs(_spectrum(chirp, SEARCHED)) ** 2, axis=1))
 
 
 def _response(capture: RawCapture, place: Place) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
     """([C] F_c of the channels at its best nu, [C] those nu in range bins; NaN at the ends of the search)."""
     chirp = _demodulated(capture, place)
-    power = np.mean(np.abs(_spectrum(chirp, SEARCHED)) ** 2, axis=1)
+    power = _searched(chirp)
     peak = int(power.argmax())
     profile = np.mean(np.abs(np.fft.fft(unit_hann(len(chirp))[:, None] * chirp, axis=0)) ** 2, axis=1)
     level = float(power_to_db(power[peak] / max(float(np.median(profile)), np.finfo(np.float64).tiny)))
     step, bins = capture.radar.waveform.range_step_m, np.fft.fftfreq(len(chirp), 1.0 / len(chirp))
-    strongest, away = bins[profile.argmax()], bins - SEARCHED[peak]
-    sidelobes = (power_to_db(profile) + _sidelobe_db(away) + SIDELOBE_MARGIN_DB)[np.abs(away) > 2.0]
+    away = bins - SEARCHED[peak]
+    sidelobes = (power_to_db(profile) + hann_envelope_db(away) + SIDELOBE_MARGIN_DB)[np.abs(away) > 2.0]
     hidden = bool((sidelobes > float(power_to_db(power[peak]))).any())
     if peak in (0, len(SEARCHED) - 1) or level < CLEAR_DB or hidden:
         problem = f"no reflector within {SEARCH_BINS * step:.2g} m of {place.range_m:g} m"
-        told = f"the strongest echo of the capture stands at {place.range_m + strongest * step:.2f} m"
+        range_m = place.range_m + bins * step
+        # Beyond leakage from TX to RX, and without the mirror image of real samples.
+        ahead = (range_m >= LEAKAGE_BINS * step) & (range_m <= capture.radar.waveform.ranges_m[-1])
+        told = f"the strongest echo of the capture stands at {range_m[np.where(ahead, profile, 0.0).argmax()]:.2f} m"
         expected = f"one {CLEAR_DB:g} dB above the median of the range profile and clear of others' sidelobes"
         raise InputError(place.source, f"{problem} ({told})", expected)
     fine = SEARCHED[peak] + np.arange(-DELAY_BINS, DELAY_BINS + 0.5 * FINE_BINS, FINE_BINS)
@@ -288,7 +297,7 @@ def residual(capture: RawCapture, place: Place, calibration: Calibration) -> Lef
     dead = sorted({*capture.dead, *calibration.dead_channels})
     alive = np.setdiff1d(np.arange(capture.radar.array.channels), dead)
     chirp = _demodulated(calibrated, place)[:, alive]
-    at = SEARCHED[np.mean(np.abs(_spectrum(chirp, SEARCHED)) ** 2, axis=1).argmax()]
+    at = SEARCHED[_searched(chirp).argmax()]
     factor = _spectrum(chirp, np.array([at]))[0]
     middle = capture.radar.waveform.mid_sweep_hz
     stated = _delays(capture.radar, place.position)[alive, 0]

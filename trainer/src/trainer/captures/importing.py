@@ -23,6 +23,7 @@ from trainer.captures.binary_files import (
     cascade_files,
     read_cascade,
     read_dca1000,
+    sizes_of_cascade,
     sizes_of_lanes,
 )
 from trainer.captures.calibration import Calibration, read_calibration
@@ -33,6 +34,7 @@ from trainer.captures.reading import SUFFIXES, read_arrays
 from trainer.captures.samples import (
     EXPECTED_SAMPLES,
     OTHER_SIDE_DB,
+    Sizes,
     chosen_frames,
     first_frame,
     flatness_db,
@@ -183,7 +185,9 @@ def _of_binary(
         raise InputError("--axes or --variable", f"beside {source}", f"a file of arrays: {', '.join(SUFFIXES)}")
     if layout == "cascade":
         cube = read_cascade(source, of_board, reading)
-        digests = [sha256_of(file) for file in cascade_files(source)]
+        files, sizes = cascade_files(source), sizes_of_cascade(of_board.radar)
+        notes += [said for file in files if (said := _cut_off(file, sizes))]
+        digests = [sha256_of(file) for file in files]
         return cube, hashlib.sha256("".join(digests).encode()).hexdigest()
     if not source.is_file():
         names = f"a .bin of a DCA1000, {', '.join(SUFFIXES)}, or the folder of {' and '.join(DEVICES)} of a cascade"
@@ -194,11 +198,16 @@ def _of_binary(
         swap = f"SampleSwap = {of_board.quadrature_first:d} of adcbufCfg says"
         notes.append(f"order {reading.order}, as {swap}; --order goes before it")
     cube = read_dca1000(source, of_board, reading, lanes)
-    if rest := source.stat().st_size % (2 * sizes_of_lanes(of_board, lanes).numbers):
-        notes.append(f"{source} ends within a frame: its last {rest} bytes are left out")
+    notes += filter(None, [_cut_off(source, sizes_of_lanes(of_board, lanes))])
     if reading.layout is None and not of_board.real:
         notes += _other_lanes(source, reading, of_board, lanes, cube)
     return cube, sha256_of(source)
+
+
+def _cut_off(file: Path, sizes: Sizes) -> str:
+    """What to say of a file that ends within a frame; "" of one that does not."""
+    rest = file.stat().st_size % (2 * sizes.numbers)
+    return f"{file} ends within a frame: its last {rest} bytes are left out" if rest else ""
 
 
 def _other_lanes(

@@ -109,7 +109,9 @@ def chosen_frames(path: Path, count: int, chosen: Frames | None, radar: Radar) -
     begin, last = chosen or (0, None)
     end = count if last is None else last
     if not 0 <= begin < min(end, count):
-        raise InputError("--frames", f"{begin}:{end} of {path}, which has {count}", f"a part of 0:{count}")
+        raise InputError(
+            "--frames", f"{begin}:{'' if last is None else end} of {path}, which has {count}", f"a part of 0:{count}"
+        )
     frames = range(begin, min(end, count))
     size = 8 * len(frames) * radar.waveform.chirps * radar.waveform.samples * radar.array.channels
     if size > LARGEST_CUBE:
@@ -181,7 +183,9 @@ def other_side_db(cube: NDArray[np.complex64]) -> float:
     """Power of the last range bins over that of the first ones, of the first frame that is not empty [dB]: large where
     I and Q are the other way round; 0 where that is an echo from the end of the range axis."""
     power = _range_profile(cube[first_frame(cube)]) + np.finfo(np.float64).tiny
-    bins = min(NEAR_BINS, max((len(power) - 1) // 2, 1))
+    if len(power) < 3:
+        return 0.0
+    bins = min(NEAR_BINS, (len(power) - 1) // 2)
     if power[-bins:].max() > power[-1] * db_to_power(BESIDE_DB):
         return 0.0
     return float(10.0 * np.log10(power[-bins:].sum() / power[1 : bins + 1].sum()))
