@@ -7,7 +7,7 @@ row: 5 to 20 ms for 200 000 vectors, where these take 0.2 to 2.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Integer, Shaped
+from jaxtyping import Bool, Float, Integer, Shaped
 from numpy.typing import DTypeLike, NDArray
 
 from shared.physics.compiled import compiled
@@ -22,7 +22,7 @@ ALIGNMENT = 64
 """Bytes of a vector and of a cache line."""
 
 
-def aligned(shape: tuple[int, ...], real: DTypeLike) -> NDArray[np.floating]:
+def aligned(shape: tuple[int, ...], real: DTypeLike) -> Float[np.ndarray, ...]:
     """An uninitialised array that starts on a boundary of :data:`ALIGNMENT`: storing a vector across two cache lines
     takes twice the time."""
     size = int(np.prod(shape)) * np.dtype(real).itemsize
