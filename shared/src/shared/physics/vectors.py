@@ -22,7 +22,7 @@ ALIGNMENT = 64
 """Bytes of a vector and of a cache line."""
 
 
-def aligned(shape: tuple[int, ...], real: DTypeLike) -> Float[np.ndarray, ...]:
+def aligned(shape: tuple[int, ...], real: DTypeLike) -> Float[np.ndarray, "*any"]:
     """An uninitialised array that starts on a boundary of :data:`ALIGNMENT`: storing a vector across two cache lines
     takes twice the time."""
     size = int(np.prod(shape)) * np.dtype(real).itemsize
