@@ -98,6 +98,42 @@ def table_bytes(table: PathTable) -> bytes:
     )
 
 
+def test_chains_run_both_ways():
+    """A large mirror and a small one where a chain meets it: few rays find either way, and seldom both."""
+    tilt, turn = np.radians([10.0, 15.0])
+    large = plate("large", (10.0, 0.0, 0.0), (-8.0 * np.sin(tilt), 8.0 * np.cos(tilt), 0.0), (0.0, 0.0, 8.0), "mirror")
+    small = plate("small", (6.44, 4.39, 0.0), (0.3 * np.cos(turn), 0.3 * np.sin(turn), 0.0), (0.0, 0.0, 0.3), "mirror")
+    seen = []
+    for number in range(12):
+        fan = RayFan(200, offset=(number / 12.0, (0.618 * number) % 1.0))
+        chains = traced(large, small, fan=fan, rays=200, depth=2, diffuse=False).specular
+        chains = chains.take(chains.depth == 2)
+        ends = chains.departure(), chains.image
+        departure, arrival = (end / np.linalg.norm(end, axis=1)[:, None] for end in ends)
+        apart = np.abs(departure[:, None] - arrival).max(axis=2) + np.abs(arrival[:, None] - departure).max(axis=2)
+        for one, other in enumerate(apart.argmin(axis=1) if len(chains) else ()):
+            assert apart[one, other] < 1e-5
+            assert chains.amplitude[one] == pytest.approx(chains.amplitude[other], rel=1e-3)
+        seen.append(len(chains))
+    assert set(seen) == {0, 2}  # the chain and its way back, once each, or neither
+
+
+def test_ways_back_that_are_there_are_not_added():
+    """Of a chain, its way back, one that is its own way back, and one whose way back is missing."""
+    vertices = np.array([
+        [[9.0, 1.0, 0.0], [5.0, 4.0, 0.0], [0.0, 0.0, 0.0]], [[9.0, 3.0, 0.0], [5.0, 6.0, 0.0], [0.0, 0.0, 0.0]],
+    ])[:, :2]  # fmt: skip
+    there = np.concatenate([vertices, vertices[:1, ::-1] + 1e-3, [[[7.0, 7.0, 0.0]] * 2]])
+    kinds = np.ones((4, 2), dtype=np.int64)
+    bundle = solver_module.Bundle(there, kinds, kinds * [3, 4], kinds[:, 0], np.arange(4) * (1.0 + 1.0j))
+    both = bundle.with_reverses()
+    assert len(both.vertices) == 5
+    np.testing.assert_array_equal(both.vertices[4], vertices[1, ::-1])
+    assert both.triangles[4].tolist() == [4, 3]
+    assert both.amplitude[4] == bundle.amplitude[1]
+    assert len(solver_module.Bundle.none(2).with_reverses().vertices) == 0
+
+
 def test_the_order_in_which_the_solver_returns_paths_does_not_matter(monkeypatch):
     # On a busy machine its threads finish in another order once in a while.
     scene = (wall("rough", half_m=20.0), side_wall("rough"))

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from datafactory.defaults import DEFAULT_DEPTH, DEFAULT_RAYS
 from datafactory.paths.backend import select_variant
@@ -48,6 +49,8 @@ PATTERNS: dict[str, dict[str, Any]] = {
 """Diffuse patterns of the material table, as :mod:`datafactory.paths.scattering` has them."""
 LEAST_SOLVER_RAYS = 12_500
 """The solver follows no fewer, where there are as many: fewer miss chains of mirrors between small faces."""
+SAME_M = 0.02
+"""Chains whose vertices differ by less are one: the solver's are in float32 [m]."""
 CROSSINGS = 2
 """Largest number of panes on a whole path: one pane, on the way out and on the way back."""
 
@@ -141,6 +144,24 @@ class Bundle(Columns):
             interactions=self.interactions[:, :depth],
             triangles=self.triangles[:, :depth],
         )
+
+    def with_reverses(self) -> Bundle:
+        """The same paths, and the way back of each whose way back is not among them.
+
+        TX and RX stand at one place: by reciprocity a chain runs both ways with one amplitude. The solver follows rays
+        from its first mirror on, and meets a small one by chance, so that it found one way alone of every fifth chain.
+        """
+        back = replace(
+            self,
+            vertices=self.vertices[:, ::-1],
+            interactions=self.interactions[:, ::-1],
+            triangles=self.triangles[:, ::-1],
+        )
+        if not len(self.vertices):
+            return self
+        found = cKDTree(self.vertices.reshape(len(self.vertices), -1))
+        away_m, _ = found.query(back.vertices.reshape(len(self.vertices), -1), distance_upper_bound=SAME_M)
+        return Bundle.joined([self, back.take(~np.isfinite(away_m))])
 
     def in_fixed_order(self) -> Bundle:
         """The same paths, sorted by their vertices: the solver's order depends on which of its threads ends first."""

@@ -204,7 +204,7 @@ def _add_chains(frame: _Frame, kept: Geometry, followed: dict[int, int]) -> None
     for group, bundle in groups.items():
         frame.counts["traced"] += len(bundle)
         for depth in range(2, bundle.interactions.shape[1] + 1):
-            frame.add(specular_rows(bundle.of_bounces(depth).in_fixed_order(), view), followed[group])
+            frame.add(specular_rows(bundle.of_bounces(depth).with_reverses().in_fixed_order(), view), followed[group])
 
 
 def _without_corners(bundle: Bundle, merged_scene: MergedScene) -> tuple[Bundle, int]:
