@@ -125,7 +125,8 @@ def test_ways_back_that_are_there_are_not_added():
     ])[:, :2]  # fmt: skip
     there = np.concatenate([vertices, vertices[:1, ::-1] + 1e-3, [[[7.0, 7.0, 0.0]] * 2]])
     kinds = np.ones((4, 2), dtype=np.int64)
-    bundle = solver_module.Bundle(there, kinds, kinds * [3, 4], kinds[:, 0], np.arange(4) * (1.0 + 1.0j))
+    triangles, amplitude = kinds * np.array([3, 4]), np.array([1.0j, 2.0j, 3.0j, 4.0j])
+    bundle = solver_module.Bundle(there, kinds, triangles, kinds[:, 0], amplitude)
     both = bundle.with_reverses()
     assert len(both.vertices) == 5
     np.testing.assert_array_equal(both.vertices[4], vertices[1, ::-1])
