@@ -73,6 +73,7 @@ def _traced_before(asked: ViewOptions, folder: Location) -> Subject:
     order = order_of(common(OrderOptions, asked, **ours))
     assert order.traced is not None  # by its paths
     _require_frame(asked.frame, len(order.stored))
+    # Nothing is drawn of the frame's seed: a view has no noise.
     traced = StoredSource(order.stored[asked.frame], 0, order.of_scenes).traced(order.radar)
     _, paths = narrowed(traced, order.of_scenes, order.radar)
     entry = order.traced.scenes[traced.scene_number]

@@ -166,7 +166,6 @@ class Decided:
     def kept(self, table: PathTable) -> PathTable:
         """The table without the paths that are not followed, of a frame traced for this radar those beyond panes."""
         panes = bool(self.worth[table.candidates.family == PANE].any())
-
         seen = table.candidates.family == TARGET_SEEN
 
         def kept(candidate: NDArray[np.int32], kinds: NDArray[np.uint8]) -> NDArray[np.bool_]:

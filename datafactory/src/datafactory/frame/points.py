@@ -151,7 +151,8 @@ def draw_close_targets(radar: Radar, settings: CloseTargets, generator: np.rando
         separation = resolution * np.exp(generator.uniform(float(lowest), float(highest), count - 1))
         u = np.concatenate([[0.0], np.cumsum(separation)])
         u = u - u.mean() + generator.uniform(*settings.u)
-        u *= min(1.0, 0.9 * (right - left) / max(float(np.ptp(u)), 1e-9))  # a small board's cells are wide
+        # A small board's cells are wide: a group takes so much of the view that its place may still be drawn.
+        u *= min(1.0, 0.9 * (right - left) / max(float(np.ptp(u)), 1e-9))
         if u.min() < left or u.max() > right:
             u += left + (right - left - np.ptp(u)) * generator.random() - u.min()
         range_m = generator.uniform(nearest, farthest) + step * generator.uniform(-0.5, 0.5, count)

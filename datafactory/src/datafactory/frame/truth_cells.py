@@ -36,10 +36,11 @@ if TYPE_CHECKING:
 CELL_SPAN_DB = 60.0
 """Truth cells further below the image's peak than this are not listed where no noise sets the limit."""
 MARGIN = 4.0
-"""In power: 6 dB."""
+"""In power: n sidelobes of one strength make n times what their powers add up to where they are in phase; four may."""
 MAIN_LOBE_BINS = 1
 """Of range and Doppler, on either side of a maximum."""
 HANN_SIDELOBE_DB = -31.5
+"""Of the window's first sidelobe."""
 FINER = 8
 """How much finer than its bins the response over u is looked at."""
 OWN_SHARE = 2.0

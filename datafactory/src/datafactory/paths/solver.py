@@ -50,7 +50,7 @@ PATTERNS: dict[str, dict[str, Any]] = {
 LEAST_SOLVER_RAYS = 12_500
 """The solver follows no fewer, where there are as many: fewer miss chains of mirrors between small faces."""
 SAME_M = 0.02
-"""Chains whose vertices differ by less are one: the solver's are in float32 [m]."""
+"""Chains whose vertices differ by less, all of them together, are one [m]: the solver's are in float32."""
 CROSSINGS = 2
 """Largest number of panes on a whole path: one pane, on the way out and on the way back."""
 
@@ -149,18 +149,19 @@ class Bundle(Columns):
         """The same paths, and the way back of each whose way back is not among them.
 
         TX and RX stand at one place: by reciprocity a chain runs both ways with one amplitude. The solver follows rays
-        from its first mirror on, and meets a small one by chance, so that it found one way alone of every fifth chain.
+        from its first mirror on, meets a small one by chance, and often finds one way alone (docs/notes/speckle.md).
         """
+        count = len(self.vertices)
+        if not count:
+            return self
         back = replace(
             self,
             vertices=self.vertices[:, ::-1],
             interactions=self.interactions[:, ::-1],
             triangles=self.triangles[:, ::-1],
         )
-        if not len(self.vertices):
-            return self
-        found = cKDTree(self.vertices.reshape(len(self.vertices), -1))
-        away_m, _ = found.query(back.vertices.reshape(len(self.vertices), -1), distance_upper_bound=SAME_M)
+        found = cKDTree(self.vertices.reshape(count, -1))
+        away_m, _ = found.query(back.vertices.reshape(count, -1), distance_upper_bound=SAME_M)
         return Bundle.joined([self, back.take(~np.isfinite(away_m))])
 
     def in_fixed_order(self) -> Bundle:

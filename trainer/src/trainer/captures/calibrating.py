@@ -51,6 +51,7 @@ CLEAR_DB = 15.0
 SIDELOBE_MARGIN_DB = 10.0
 """... and that much above the sidelobes of every other echo."""
 LEAKAGE_BINS = 2
+"""The nearest bins hold what leaks from TX to RX: the main lobe of a Hann window at range zero."""
 MOVES_DB = -10.0
 """An echo that moves, of the reflector's power in its range bin: the chirps' mean is then no echo that stands still."""
 DELAY_BINS, FINE_BINS = 0.6, 0.02
