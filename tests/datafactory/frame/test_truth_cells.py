@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from datafactory.frame.measurement import Processing
+from datafactory.frame.measurement import MAXIMUM_TARGETS, Measurement, Processing, image
 from datafactory.frame.truth_cells import MARGIN, detected_cells, listed_cells, response_of
 from shared.dataset import Frame, Target
 from shared.physics.units import amplitude_to_db
 from shared.radar import ImageGrid, Radar
+from shared.radar.waveform import Waveform
+from shared.signal.imaging import walk_terms
 from shared.signal.windows import angle_window, hann_response
 
 RADAR = Radar()
@@ -148,6 +150,22 @@ def test_another_doppler_cell_shows_no_sidelobe(apart: int, there: list[tuple[in
 def test_several_echoes_of_one_target_own_their_cell_together() -> None:
     image = image_of((100, 150, 1.0))
     assert listed(image, target(100.0, 149.0, 0.5), target(100.4, 151.0, 0.5)) == []
+
+
+def test_a_target_that_is_known_is_listed_before_the_strongest_cells() -> None:
+    """Fewer are listed than the image has maxima, all of them stronger than the target."""
+    radar = Radar(waveform=Waveform(range_bins=40))
+    generator, terms = np.random.default_rng(5), walk_terms(radar, AT_REST.truth_terms)
+    shape = (terms, 40, radar.virtual_sensor.channels, 2)
+    moments = (generator.standard_normal(shape) @ np.array([1.0, 1.0j])).astype(np.complex64)
+    walker = target(20.0, 200.0, 1e-4)
+    frame = replace(Frame(0, "scene", "s", 0, targets=(walker,)), velocity=np.zeros((1, 40), np.float32))
+    ((made, counts),) = image([Measurement(frame, moments, {}, AT_REST)], radar)
+    assert len(made.targets) == MAXIMUM_TARGETS
+    assert made.targets[-1] == walker
+    levels = [one.amplitude_db for one in made.targets]
+    assert levels == sorted(levels, reverse=True)
+    assert counts["targets_left_out"] > 100
 
 
 def test_the_rule_spelt_out() -> None:

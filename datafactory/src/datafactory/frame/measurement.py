@@ -143,15 +143,16 @@ def image(
     images = at("image", near_field_images, moments, radar, radar.virtual_sensor)
     for measurement, picture in zip(measurements, images, strict=True):
         frame, magnitude = measurement.frame, np.abs(picture)
-        peak, targets, of_scene = float(magnitude.max()), frame.targets, frame.kind == "scene"
-        if of_scene:
-            cells = listed_cells(magnitude, frame, radar, measurement.processing)
-            targets = tuple(sorted((*targets, *cells), key=lambda target: -target.amplitude_db))
+        peak, of_scene = float(magnitude.max()), frame.kind == "scene"
+        cells = listed_cells(magnitude, frame, radar, measurement.processing) if of_scene else []
+        # What is known beforehand is listed before the strongest cells: a walker is weaker than a street's facades.
+        every = (*frame.targets, *cells)
+        targets = tuple(sorted(every[:MAXIMUM_TARGETS], key=lambda target: -target.amplitude_db))
         counts = Counter(measurement.counts)
         counts["frames_empty"] += of_scene and not targets
-        counts["targets_left_out"] += max(0, len(targets) - MAXIMUM_TARGETS)
+        counts["targets_left_out"] += len(every) - len(targets)
         truth = (magnitude / peak if peak > 0.0 else magnitude).astype(np.float32)
-        yield replace(frame, image=truth, image_peak=peak, targets=targets[:MAXIMUM_TARGETS]), counts
+        yield replace(frame, image=truth, image_peak=peak, targets=targets), counts
 
 
 def object_targets(paths: PathTable, first_object: int, radar: Radar) -> tuple[tuple[Target, ...], dict[str, int]]:

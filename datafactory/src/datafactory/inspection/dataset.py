@@ -114,7 +114,7 @@ MEANINGS = {
     "paths_by_chirps": "of these, those computed chirp by chirp",
     "cells_lit": "resolution cells with an echo in them",
     "cells_lit_by_fewer_than_5_paths": "of these, those whose echo is the sum of too few paths for natural speckle",
-    "targets_left_out": "of the truth's cells above the noise, those beyond the 256 strongest of a frame",
+    "targets_left_out": "of the targets and the truth's cells above the noise, those beyond 256 of a frame",
     "boxes": "boxes of objects that move or have a class",
     "targets_out_of_view": "echo points in sight beyond the range or the field of view, not listed as targets",
     "boxes_out_of_view": "boxes beyond the range or the field of view, left out",
