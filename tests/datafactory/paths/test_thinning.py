@@ -5,7 +5,7 @@ import pytest
 
 from datafactory.paths.cells import cell_of, lit_cells, pruned, rising, thinned
 from datafactory.paths.solver import TraceSettings
-from datafactory.paths.table import PathTable, ScatteredPaths
+from datafactory.paths.table import DIFFUSE, TARGET, PathTable, ScatteredPaths
 from shared.radar import Radar
 
 
@@ -94,9 +94,12 @@ def test_numbers_are_ordered_as_by_a_stable_sort(count, span):
     np.testing.assert_array_equal(rising(numbers), np.argsort(numbers, kind="stable"))
 
 
-def at(range_m: np.ndarray, u: np.ndarray, amplitude: np.ndarray) -> PathTable:
+def at(range_m: np.ndarray, u: np.ndarray, amplitude: np.ndarray, away_mps: float = 0.0, kinds=DIFFUSE) -> PathTable:
+    """Points, the last of which moves away at ``away_mps``."""
     position = np.stack([range_m * np.sqrt(1 - u**2), range_m * u, np.zeros_like(u)], axis=1)
-    return PathTable(ScatteredPaths.of_points(position, np.zeros_like(position), amplitude.astype(complex)))
+    velocity = np.zeros_like(position)
+    velocity[-1] = away_mps * position[-1] / range_m[-1]
+    return PathTable(ScatteredPaths.of_points(position, velocity, amplitude.astype(complex), kinds=kinds))
 
 
 def test_cells_with_few_paths_are_counted():
@@ -131,3 +134,14 @@ def test_pruning_drops_as_many_as_the_level_allows():
     assert len(pruned(table, Radar(), -40.0)) == 2
     assert len(pruned(table, Radar(), -20.0)) == 1
     assert len(pruned(table, Radar(), -60.0)) == 3
+
+
+def test_pruning_leaves_what_has_a_doppler_cell_of_its_own_and_point_targets():
+    """50 dB below a wall at its range: one point of a moving body, and a target that stands."""
+    range_m, amplitude = np.full(3, 10.02), np.sqrt([1.0, 1e-5, 1e-5])
+    moving = pruned(at(range_m, np.zeros(3), amplitude, away_mps=5.0), Radar(), -40.0)
+    assert moving.scattered.tx_velocity[:, 0].tolist() == [0.0, 5.0]
+    assert moving.counts["pruned"] == 1
+    kinds = np.array([DIFFUSE, DIFFUSE, TARGET], dtype=np.uint8)
+    standing = pruned(at(range_m, np.zeros(3), amplitude, kinds=kinds), Radar(), -40.0)
+    assert standing.scattered.kinds.tolist() == [DIFFUSE, TARGET]

@@ -107,7 +107,7 @@ MEANINGS = {
     "beyond_range": "paths beyond the unambiguous range, left out",
     "folded_beyond_range": "targets of a list beyond the unambiguous range, folded onto a nearer one",
     "targets_beyond_range": "echo points of targets beyond the unambiguous range, left out",
-    "pruned": "paths left out because they hold too little of their range bin's power",
+    "pruned": "paths left out because they hold too little of their range-Doppler cell's power",
     "paths": "paths that the frames are made of",
     "paths_standing": "of these, those that do not move in the frame",
     "paths_along_lines": "of these, those whose phase is a straight line or nearly so",

@@ -10,8 +10,9 @@ cell's power is therefore what all its rays say, exactly, and that of any part o
 phases of equal power make speckle whose intensity has the variance 1 - 1/K of fully developed speckle (Goodman, Speckle
 Phenomena in Optics, section 3.6).
 
-**Pruning.** The weakest scattered paths of each range bin are left out, as many as hold together at most a given share
-of their bin's power (incoherent sum, patterns applied): a weak echo far away is not compared with a strong one nearby.
+**Pruning.** The weakest scattered paths of each range-Doppler cell are left out, as many as hold together at most a
+given share of their cell's power (incoherent sum, patterns applied): a weak echo far away is not compared with a strong
+one nearby, nor a walker with the wall that stands at its range. Echoes of point targets are few, and stay.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from datafactory.paths.table import PathTable
+from datafactory.paths.table import TARGET, PathTable
 from shared.physics.compiled import compiled, inlined
 from shared.physics.units import db_to_power
 from shared.physics.vectors import Index, Mask, Real, lengths
@@ -274,13 +275,18 @@ def _factors(order, starts, power, most, shift):
 
 
 def pruned(paths: PathTable, radar: Radar, level_db: float = DEFAULT_LEVEL_DB) -> PathTable:
-    """The table without its scattered paths whose sum in their range bin stays below ``level_db``; the rest is counted.
+    """The table without its scattered paths whose sum in their range-Doppler cell stays below ``level_db``, which are
+    counted; point targets' echoes all stay.
 
     :param paths: illuminated paths
     """
-    scattered = paths.scattered
-    range_bin = np.floor(scattered.range_m() / radar.waveform.range_step_m).astype(np.int64)
-    keep = ~_negligible(np.abs(scattered.amplitude) ** 2, range_bin, float(db_to_power(level_db)))
+    scattered, waveform = paths.scattered, radar.waveform
+    start_m, middle_s = scattered.range_m(), waveform.mid_frame_s
+    rate_mps = (paths.at_rest(middle_s).scattered.range_m() - start_m) / middle_s
+    range_bin = np.floor(start_m / waveform.range_step_m).astype(np.int64)
+    cell = range_bin * waveform.chirps + waveform.doppler_cells(rate_mps)
+    weak = _negligible(np.abs(scattered.amplitude) ** 2, cell, float(db_to_power(level_db)))
+    keep = ~weak | (scattered.kinds & TARGET > 0)
     counts = {**paths.counts, "pruned": int((~keep).sum())}
     return replace(paths, scattered=scattered.take(keep), counts=counts)
 
