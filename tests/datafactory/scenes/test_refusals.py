@@ -83,6 +83,8 @@ FILES: dict[str, list[tuple[str | bytes, str]]] = {
         ("[material.brick]\nsigma0_db = -20.0", "no roughness; expected scattering_coefficient, or sigma0_db with"),
         ("[material.air]\nsource = 'x'\nrelative_permittivity = 1.0\nconductivity = 0.0\nsigma0_db = -20.0\n"
          "grazing_deg = 5.0", "sigma0_db of what reflects nothing; expected relative_permittivity above 1"),
+        ("[material.brick]\nsigma0_db = -15.0\ngrazing_deg = 10.0",
+         r"sigma0_db = -15; expected at most -16\.6 at grazing_deg = 10, of a surface that scatters all"),
         ("[material.brick]\nvalid_ghz = [90.0, 80.0]", r"valid_ghz = \[90\.0, 80\.0\]; expected"),
         ("[material.brick]\naliases = ['42']", "alias '42' has no letters"),
         ("[material.foam]\nconductivity = 1.0", r"material\.foam\.relative_permittivity missing; expected a value"),

@@ -65,6 +65,18 @@ def lambertian_sigma0(
     return 4.0 * scattering_coefficient**2 * np.asarray(reflectivity) * np.cos(incidence_rad) ** 2
 
 
+def largest_sigma0(
+    grazing_deg: float, relative_permittivity: float, conductivity_s_per_m: float, frequency_hz: float
+) -> float:
+    """sigma0 [m^2/m^2] of a Lambertian half-space of S = 1 to a vertically polarised radar (TM over a road).
+
+    :param grazing_deg: angle above the surface [deg], above 0 and at most 90
+    """
+    incidence = math.radians(90.0 - grazing_deg)
+    reflectivity = fresnel_reflectivity(relative_permittivity, conductivity_s_per_m, frequency_hz, incidence, "tm")
+    return float(lambertian_sigma0(1.0, reflectivity, incidence))
+
+
 def scattering_coefficient_for_sigma0(
     sigma0_db: float,
     grazing_deg: float,
@@ -84,7 +96,5 @@ def scattering_coefficient_for_sigma0(
     :param sigma0_db: radar cross section per unit area [dB relative to 1 m^2/m^2]
     :param grazing_deg: angle above the surface [deg], above 0 and at most 90
     """
-    incidence = math.radians(90.0 - grazing_deg)
-    reflectivity = fresnel_reflectivity(relative_permittivity, conductivity_s_per_m, frequency_hz, incidence, "tm")
-    unit = float(lambertian_sigma0(1.0, reflectivity, incidence))
+    unit = largest_sigma0(grazing_deg, relative_permittivity, conductivity_s_per_m, frequency_hz)
     return min(1.0, math.sqrt(float(db_to_power(sigma0_db)) / unit))

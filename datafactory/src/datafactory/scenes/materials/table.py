@@ -17,8 +17,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, FiniteFloat, model_validator
 
-from datafactory.scenes.materials.reflectivity import scattering_coefficient_for_sigma0
+from datafactory.scenes.materials.reflectivity import largest_sigma0, scattering_coefficient_for_sigma0
 from shared.physics.errors import InputError, meant
+from shared.physics.units import power_to_db
 from shared.radar import validated
 
 FREQUENCY_HZ = 77e9
@@ -201,6 +202,14 @@ class MaterialEntry(BaseModel, frozen=True, extra="forbid", strict=True):
             raise ValueError("no roughness; expected scattering_coefficient, or sigma0_db with grazing_deg")
         if any(calibrated) and self.relative_permittivity == 1.0 and self.conductivity == 0.0:
             raise ValueError("sigma0_db of what reflects nothing; expected relative_permittivity above 1")
+        if self.sigma0_db is not None and self.grazing_deg is not None:
+            electrical = self.relative_permittivity, self.conductivity
+            most_db = float(power_to_db(largest_sigma0(self.grazing_deg, *electrical, FREQUENCY_HZ)))
+            if self.sigma0_db > most_db:
+                raise ValueError(
+                    f"sigma0_db = {self.sigma0_db:g}; expected at most {most_db:.1f} at grazing_deg = "
+                    f"{self.grazing_deg:g}, of a surface that scatters all that it reflects"
+                )
         if self.valid_ghz[0] > self.valid_ghz[1]:
             raise ValueError(f"valid_ghz = {self.valid_ghz}; expected [lower, upper]")
         for phrase in (*self.aliases, *self.uses):
