@@ -60,7 +60,7 @@ relative_permittivity = 1.5
 conductivity = 0.01
 sigma0_db = -20.0
 grazing_deg = 10.0
-pattern = "backscattering"
+pattern = "lambertian"
 valid_ghz = [70.0, 80.0]
 aliases = ["ice", "drift"]
 """

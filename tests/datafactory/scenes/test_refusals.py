@@ -85,6 +85,8 @@ FILES: dict[str, list[tuple[str | bytes, str]]] = {
          "grazing_deg = 5.0", "sigma0_db of what reflects nothing; expected relative_permittivity above 1"),
         ("[material.brick]\nsigma0_db = -15.0\ngrazing_deg = 10.0",
          r"sigma0_db = -15; expected at most -16\.6 at grazing_deg = 10, of a surface that scatters all"),
+        ("[material.asphalt]\npattern = 'backscattering'",
+         "sigma0_db beside pattern = 'backscattering'; expected scattering_coefficient with it"),
         ("[material.brick]\nvalid_ghz = [90.0, 80.0]", r"valid_ghz = \[90\.0, 80\.0\]; expected"),
         ("[material.brick]\naliases = ['42']", "alias '42' has no letters"),
         ("[material.foam]\nconductivity = 1.0", r"material\.foam\.relative_permittivity missing; expected a value"),

@@ -169,7 +169,7 @@ class MaterialEntry(BaseModel, frozen=True, extra="forbid", strict=True):
     :param conductivity: [S/m]
     :param thickness: of the slab behind each facet [m]
     :param scattering_coefficient: S of the effective-roughness model; or, in place of it, the next two
-    :param sigma0_db: the backscatter from which S follows, vertical polarisation [dB]
+    :param sigma0_db: the backscatter from which S of a Lambertian surface follows, vertical polarisation [dB]
     :param grazing_deg: the angle of that backscatter above the surface [deg]
     :param pattern: shape of the diffuse reflection
     :param valid_ghz: lower and upper end of the range of the source [GHz]
@@ -210,6 +210,9 @@ class MaterialEntry(BaseModel, frozen=True, extra="forbid", strict=True):
                     f"sigma0_db = {self.sigma0_db:g}; expected at most {most_db:.1f} at grazing_deg = "
                     f"{self.grazing_deg:g}, of a surface that scatters all that it reflects"
                 )
+        if any(calibrated) and self.pattern != "lambertian":
+            # Its lobe towards the radar depends on the angle: at 10 deg of grazing S would be 7.8 dB too large.
+            raise ValueError(f"sigma0_db beside pattern = {self.pattern!r}; expected scattering_coefficient with it")
         if self.valid_ghz[0] > self.valid_ghz[1]:
             raise ValueError(f"valid_ghz = {self.valid_ghz}; expected [lower, upper]")
         for phrase in (*self.aliases, *self.uses):
