@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from prepared_scenes import EFFECT_SCENES, STREET, TINY, prepared_scene
-from sionna_scenes import MATERIALS, mesh, plate
+from sionna_scenes import MATERIALS, mesh, plate, slab_reflection, slab_transmission
 
 from datafactory.effects.catalogue import ALL
 from datafactory.frame.chain import ChainSettings, SceneSource
@@ -293,11 +293,15 @@ def test_walls_over_which_no_way_closes_have_no_chain() -> None:
 
 @pytest.mark.parametrize("chained", [True, False])
 def test_chains_through_panes_are_a_group_by_itself(chained: bool) -> None:
-    """A wall behind a pane, and one behind the sensor's back, over which the way closes, or none."""
+    """A wall behind a pane, and one behind the sensor's back, over which the way closes, or none.
+
+    The pane is turned: over its own back no way closes. A near mirror is the strongest cell, which no chain reaches.
+    """
     wide = (0.0, 20.0, 0.0), (0.0, 0.0, 20.0)
     walls = plate("ahead", (10.0, 0.0, 0.0), *wide, "metal"), plate("behind", (-5.0, 0.0, 0.0), *wide, "metal")
-    pane = plate("pane", (3.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), "glass")
-    merged = merge_scene(Scene("walls", (pane, *walls[: 1 + chained])), MATERIALS)
+    pane = plate("pane", (3.0, 0.0, 0.0), (0.1, 0.6, 0.0), (0.0, 0.0, 0.6), "glass")
+    near = plate("near", (1.6, 1.2, 0.0), (-0.3, 0.4, 0.0), (0.0, 0.0, 0.5), "metal")
+    merged = merge_scene(Scene("walls", (pane, near, *walls[: 1 + chained])), MATERIALS)
     settings, fan = TraceSettings(rays=20_000, refraction=True), RayFan(20_000)
 
     def traced(notice: Notice | None) -> tuple[PathTable, NDArray[np.bool_]]:
@@ -315,6 +319,22 @@ def test_chains_through_panes_are_a_group_by_itself(chained: bool) -> None:
     assert through.any() == chained
     assert (strict.candidates.family == PASSED).sum() == len(members)
     assert not traced(replace(NOTICE, budget_db=0.0, below_noise=False))[1].any()
+
+
+def test_a_wall_sends_its_echo_back_to_the_pane_before_it() -> None:
+    """Wall, back of the pane, wall: three mirrors, as many as chains without panes have, and two crossings."""
+    wide = (0.0, 20.0, 0.0), (0.0, 0.0, 20.0)
+    pane, wall = plate("pane", (5.0, 0.0, 0.0), *wide, "glass"), plate("wall", (9.0, 0.0, 0.0), *wide, "metal")
+    merged = merge_scene(Scene("window", (pane, wall)), MATERIALS)
+    settings = TraceSettings(rays=20_000, refraction=True)
+    table = trace(merged, Pose((0.0, 0.0, 0.0)), 77.5e9, settings, RayFan(20_000), 1)
+    echo = table.specular.take(table.specular.depth == 3)
+    np.testing.assert_allclose(echo.range_m(), [13.0], rtol=1e-6)
+    glass = 6.31, 1.211, 0.006, 77.5e9, 1.0
+    passed, reflected = (abs(of(*glass)[0]) for of in (slab_transmission, slab_reflection))
+    free = SPEED_OF_LIGHT / 77.5e9 / (8.0 * np.pi * 13.0)
+    assert abs(echo.amplitude[0]) == pytest.approx(free * passed**2 * reflected, rel=5e-3)
+    assert (table.candidates.family[echo.candidate] == PASSED).all()
 
 
 def test_a_corner_behind_a_pane_is_a_chain_of_the_solver() -> None:

@@ -205,9 +205,9 @@ class SecondBounces:
         if not self._reflected:
             return dict.fromkeys(found, Candidates.none())
         passed = [through_panes(self._thin)[0]] if panes else []
-        for mirrors, arrivals in enumerate(self._reflected, start=1):
+        for arrivals in self._reflected:
             found[CHAIN].append(_met(arrivals))
-            if panes and mirrors < view.settings.depth:
+            if panes:
                 passed = [beyond.reflected() for beyond in passed]
                 passed += [through_panes(before)[0] for before in (arrivals, *passed)]
                 found[PASSED] += map(_met, passed)

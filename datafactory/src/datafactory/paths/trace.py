@@ -189,7 +189,7 @@ def _add_chains(frame: _Frame, kept: Geometry, followed: dict[int, int]) -> None
     frame.counts |= {"traced": 0, "invalid": 0, "truncated": 0}
     passes = {CHAIN: replace(settings, depth=LARGEST_DEPTH, diffuse=False, refraction=False)}
     if settings.refraction and PANE in followed:  # without what is beyond panes, nothing that passed one is kept
-        passes[PASSED] = replace(settings, diffuse=False)
+        passes[PASSED] = replace(settings, depth=LARGEST_DEPTH, diffuse=False)
     wanted = [group for group in passes if group in followed]
     if wanted and settings.depth > 1 and settings.specular and view.merged.meshes:
         scene = radio_scene(kept, view.slabs, settings)
