@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from datafactory.frame.points import CloseTargets, draw_close_targets, rayleigh_length
+from datafactory.frame.points import CloseTargets, PointTargets, draw_close_targets, rayleigh_length
 from shared.radar import load_radar
 
 
@@ -23,3 +23,12 @@ def test_every_target_stands_in_the_image_by_itself(name: str) -> None:
     assert seen.min() >= radar.grid.u[0] - 1e-12
     assert seen.max() <= radar.grid.u[-1] + 1e-12
     assert np.concatenate(apart).min() >= 0.5 * settings.separation_rl[0] * rayleigh_length(radar)
+
+
+def test_the_list_of_a_file_s_targets_holds_what_the_image_shows() -> None:
+    # Ahead; behind, which a line of elements sees ahead; along the line; and 200 m away, which folds to 46 m.
+    position = np.array([(20.0, 1.0, 0.0), (-10.0, 1.0, 0.0), (0.0, 5.0, 0.0), (200.0, 0.0, 0.0)])
+    radar, none = load_radar("avr-qdm-110"), np.zeros(4)
+    targets = PointTargets(position, np.zeros((4, 3)), none, none)
+    assert [round(target.range_m, 1) for target in targets.truth(radar)] == [20.0]
+    assert targets.path_table(radar).counts == {"close_targets": 4, "folded_beyond_range": 1, "targets_out_of_view": 3}

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.frame.draws import generator
-from datafactory.frame.points import target_list
+from datafactory.frame.points import in_view, target_list
 from datafactory.frame.truth_cells import listed_cells
 from datafactory.paths.candidates import TARGET_SEEN, Candidates
 from datafactory.paths.table import PathTable
@@ -160,7 +160,7 @@ def object_targets(paths: PathTable, first_object: int, radar: Radar) -> tuple[t
     radar's range and field of view, and how many there are without."""
     scattered = paths.scattered
     direct = (scattered.object_index >= first_object) & (scattered.depth == 1)
-    shown = direct & _shown(scattered.rx_point, radar)
+    shown = direct & in_view(scattered.rx_point, radar)
     chosen = scattered.take(shown)
     targets = target_list(
         chosen.rx_point,
@@ -191,7 +191,7 @@ def boxes_of(things: Sequence[SeenThing], paths: PathTable, radar: Radar) -> tup
     boxes, outside = [], 0
     for thing in things:
         center = np.array(thing.center) + np.array(thing.velocity) * radar.waveform.mid_frame_s
-        if not _shown(_outline(thing, center), radar).any():
+        if not in_view(_outline(thing, center), radar).any():
             outside += 1
             continue
         yaw = float(np.arctan2(thing.forward[1], thing.forward[0]))
@@ -204,13 +204,3 @@ def _outline(thing: SeenThing, center: Real) -> Real:
     """[9, 3] the middle and the corners of a box [m]."""
     corners = np.array([(0.0, 0.0, 0.0), *product((-0.5, 0.5), repeat=3)])
     return center + corners * np.array(thing.size) @ np.array([thing.forward, thing.left, thing.up])
-
-
-def _shown(places: Real, radar: Radar) -> NDArray[np.bool_]:
-    """[n] which of [n, 3] places [m] are ahead, within the range and between the first and the last bin of u."""
-    range_m = np.linalg.norm(places, axis=1)
-    u = places[:, 1] / np.maximum(range_m, 1e-9)
-    waveform, bins = radar.waveform, radar.grid.u
-    ahead = (places[:, 0] > 0.0) & (range_m <= waveform.ranges_m[-1])
-    shown: NDArray[np.bool_] = ahead & (u >= bins[0]) & (u <= bins[-1])
-    return shown

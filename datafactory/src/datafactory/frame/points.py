@@ -22,7 +22,7 @@ from datafactory.scenes.targets.models import OPTIONS, SIZES, RcsModel, target_m
 from shared.dataset import Target
 from shared.physics.errors import InputError
 from shared.physics.units import amplitude_to_db, power_to_db
-from shared.physics.vectors import dots
+from shared.physics.vectors import Real, dots
 from shared.radar import Radar
 from shared.radar.validation import Described
 from shared.signal import target_amplitudes
@@ -88,12 +88,28 @@ class PointTargets:
         amplitude = target_amplitudes(radar, self.position, self.rcs_dbsm, self.phase_rad)
         scattered = ScatteredPaths.of_points(self.position, self.velocity, amplitude)
         beyond = int((scattered.range_m() >= radar.waveform.unambiguous_range_m).sum())
-        return PathTable(scattered=scattered, counts={"close_targets": len(scattered), "folded_beyond_range": beyond})
+        counts = {
+            "close_targets": len(scattered),
+            "folded_beyond_range": beyond,
+            "targets_out_of_view": int((~in_view(self.position, radar)).sum()),
+        }
+        return PathTable(scattered=scattered, counts=counts)
 
     def truth(self, radar: Radar) -> tuple[Target, ...]:
-        """What stands in the ``targets`` column: geometry at mid-frame, strongest first."""
+        """What stands in the ``targets`` column: those that the image shows, geometry at mid-frame, strongest first."""
         level = amplitude_to_db(target_amplitudes(radar, self.position, self.rcs_dbsm, self.phase_rad))
-        return target_list(self.position, self.velocity, level, [""] * len(level), radar)
+        seen = in_view(self.position, radar)
+        return target_list(self.position[seen], self.velocity[seen], level[seen], [""] * int(seen.sum()), radar)
+
+
+def in_view(places: Real, radar: Radar) -> NDArray[np.bool_]:
+    """[n] which of [n, 3] places [m] are ahead, within the range and between the first and the last bin of u."""
+    range_m = np.linalg.norm(places, axis=1)
+    u = places[:, 1] / np.maximum(range_m, 1e-9)
+    waveform, bins = radar.waveform, radar.grid.u
+    ahead = (places[:, 0] > 0.0) & (range_m <= waveform.ranges_m[-1])
+    within: NDArray[np.bool_] = ahead & (u >= bins[0]) & (u <= bins[-1])
+    return within
 
 
 def target_list(
