@@ -8,8 +8,9 @@ cells that are largest among their neighbours, and whose power the array sees at
 added; and of each thing (car, walker, pole) that is so strong the cell that its own paths put most into. Both count
 within the image's field of view: what stands beyond is not listed. Printed for
 ``--cells peaks`` and ``all``: the shares of these cells and of these things that a line stands in, or beside; lines a
-frame with no path's power nearby; how many lines are true, by the probability that they were given; and the constants
-of :func:`trainer.run.detections.line_probability` that fit these lines best.
+frame with no path's power nearby; how many lines are true, by the probability that they were given; how many are of
+things that move, by the ``moving`` that they were given; and the constants of
+:func:`trainer.run.detections.line_probability` that fit these lines best.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from datafactory.paths.storage import TracedFrame, read_paths
 from datafactory.paths.table import ScatteredPaths
 from datafactory.synthesis.mid_frame import at_mid_frame
 from shared.radar import Radar
+from shared.signal.ego_motion import EgoMotion
 from shared.signal.windows import cell_noise_power
 from trainer.data.measurements import ALL, PEAKS, open_measurements
 from trainer.run.answers import NetworkAnswer
@@ -40,6 +42,8 @@ from trainer.run.predict import Predictor
 TOLD_DB, THERE_DB = 13.0, 0.0
 """Over the noise of the array's channels added: cells that count, and cells whose power makes a line true."""
 BANDS = ((0.0, 0.5), (0.5, 0.7), (0.7, 0.85), (0.85, 0.95), (0.95, 1.0))
+MOVING_BANDS = ((0.0, 0.05), (0.05, 0.2), (0.2, 0.5), (0.5, 0.8), (0.8, 1.0))
+MOVES_MPS = 0.2
 AROUND = (3, 3, 3)
 
 
@@ -75,23 +79,50 @@ def main(
             true = (maximum_filter(power, AROUND, mode="wrap") > noise * 10.0 ** (THERE_DB / 10.0))[place]
             false.append(np.count_nonzero(~true))
             lines.append(len(seen))
-            told.append(np.stack([seen.probability, seen.snr_db, true]))
+            of_movers = paths_of.power(movers(traced[measurement.frame_id], measurement.motion))
+            moves = (maximum_filter(of_movers, AROUND, mode="wrap") > 0.5 * maximum_filter(power, AROUND, mode="wrap"))[
+                place
+            ]
+            told.append(np.stack([seen.probability, seen.snr_db, true, seen.moving, moves]))
         share, count = np.concatenate(found).mean(), len(np.concatenate(found)) / len(found)
         print(
             f"{cells}, {allowed:g} asked for: {share:.3f} of {count:.0f} cells a frame, {np.sum(things)} of "
             f"{len(things)} things, {np.mean(lines):.0f} lines, {np.mean(false):.1f} false"
         )
-        probability, snr_db, truth = np.concatenate(told, axis=1)
-        for low, high in BANDS:
-            inside = (probability >= low) & (probability < high)
-            if inside.any():
-                print(f"  said {low} to {high}: {truth[inside].mean():.2f} true of {np.count_nonzero(inside)}")
+        probability, snr_db, truth, moving, moves = np.concatenate(told, axis=1)
+        print_bands("said", probability, truth, "true", BANDS)
+        print_bands("said to move", moving, moves, f"moves, of all {moves.mean():.3f},", MOVING_BANDS)
         print(
             "  best constants",
             fitted_constants(
                 probability, snr_db, truth, BY_HEAD if isinstance(predictor.answer, NetworkAnswer) else BY_LEVEL
             ),
         )
+
+
+def print_bands(
+    what: str,
+    said: NDArray[np.float64],
+    so: NDArray[np.float64],
+    how: str,
+    bands: tuple[tuple[float, float], ...],
+) -> None:
+    for low, high in bands:
+        inside = (said >= low) & (said < high)
+        if inside.any():
+            print(f"  {what} {low} to {high}: {so[inside].mean():.2f} {how} of {np.count_nonzero(inside)}")
+
+
+def movers(traced: TracedFrame, own: EgoMotion | None) -> tuple[int, ...]:
+    """The objects of things that move over the ground."""
+    assert own is not None
+    ahead = np.array([own.forward_mps, own.left_mps, 0.0])
+    return tuple(
+        index
+        for thing in traced.things
+        if np.linalg.norm(np.array(thing.velocity) + ahead) > MOVES_MPS
+        for index in thing.indices
+    )
 
 
 def fitted_constants(

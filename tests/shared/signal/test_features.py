@@ -296,7 +296,7 @@ def test_velocities_that_agree_by_chance_are_no_estimate(chirps: int) -> None:
 def test_what_moves_is_marked_and_what_stands_is_not(speed: float) -> None:
     motion = EgoMotion(speed, 0.0)
     u = np.linspace(-0.7, 0.7, 29)
-    error = np.full(29, 1e-3), np.full(29, STEP / math.sqrt(12.0))
+    error = np.full(29, 1e-3), np.full(29, STEP / math.sqrt(12.0)), np.full(29, 0.99)
     still = moving_probability(motion, WHOLE, np.full(29, 40.0), u, world(motion, u), *error)
     walker = moving_probability(motion, WHOLE, np.full(29, 40.0), u, world(motion, u) + 1.5, *error)
     assert still.max() < 0.1
@@ -306,16 +306,18 @@ def test_what_moves_is_marked_and_what_stands_is_not(speed: float) -> None:
     np.testing.assert_allclose(turned, still)
 
 
-def test_probability_by_hand() -> None:
+@pytest.mark.parametrize("echo", [0.5, 0.95, 0.99])
+def test_probability_by_hand(echo: float) -> None:
     """Radar at rest, far away: a velocity within its spread is normal, sigma^2 = (1/12 + 1/4) cells^2."""
     cells = 1.2
     sigma = math.sqrt(1.0 / 12.0 + 0.25) * STEP
-    normal = 0.9 * math.exp(-((cells * STEP) ** 2) / (2.0 * sigma**2)) / (math.sqrt(2.0 * math.pi) * sigma)
-    expected = (0.1 / PERIOD) / (0.1 / PERIOD + normal)
+    normal = 0.7 * math.exp(-((cells * STEP) ** 2) / (2.0 * sigma**2)) / (math.sqrt(2.0 * math.pi) * sigma)
+    odds = (echo / (1.0 - echo) / 19.0) ** 2
+    expected = odds / (1.0 + odds) * (0.3 / PERIOD) / (0.3 / PERIOD + normal)
     column = np.array
     found = moving_probability(
         EgoMotion(0.0, 0.0), WHOLE, column([50.0]), column([0.2]), column([cells * STEP]), column([0.0]),
-        column([STEP / math.sqrt(12.0)]),
+        column([STEP / math.sqrt(12.0)]), column([echo]),
     )  # fmt: skip
     assert found[0] == pytest.approx(expected)
 

@@ -40,8 +40,10 @@ FLOOR_DB = -10.0
 """Of the prior: what moves stays possible everywhere."""
 SPREAD_CELLS = 0.85
 """s of the prior [Doppler cells]: a Hann window's cell is that wide, and the road is not quite level."""
-MOVERS = 0.1
-"""Share of lines that are of something that moves, before one knows their Doppler."""
+ASTRAY = 0.3
+"""Share of lines that are not of the level static world, before one knows their Doppler."""
+EVEN_ODDS = 19.0
+"""Odds of being an echo at which one of those is as likely of something that moves as of something else."""
 STATIC_SPREAD_CELLS = 0.5
 """Standard deviation [Doppler cells] of a static line's velocity beside its own cell's: echoes that share a cell."""
 HEIGHT_M = 5.0
@@ -130,13 +132,22 @@ def moving_probability(
     velocity_mps: Float64[np.ndarray, " lines"],
     u_std: Float64[np.ndarray, " lines"],
     velocity_std: Float64[np.ndarray, " lines"],
+    probability: Float64[np.ndarray, " lines"],
 ) -> Float64[np.ndarray, " lines"]:
-    """[N] probability that a line does not belong to the static world.
+    """[N] probability that a line is of something that moves.
 
-    Bayes' rule between two kinds: static, its velocity normal around rate(u), and moving, :data:`MOVERS` of all, any
-    velocity of the period alike. The variance of the first is that of the line's velocity and angle, of the sensor's,
-    of :data:`STATIC_SPREAD_CELLS` and of a height of :data:`HEIGHT_M`. What moves across the line of sight alone is not
-    found.
+    Bayes' rule between three kinds. A line of the static world has a velocity that is normal around rate(u); its
+    variance is that of the line's velocity and angle, of the sensor's, of :data:`STATIC_SPREAD_CELLS` and of a height
+    of :data:`HEIGHT_M`. :data:`ASTRAY` of all lines are not of it, and have any velocity of the period alike: these are
+    of something that moves, or of something else, a ghost or an echo of unlike ways. With p the probability that the
+    line is an echo at all, the odds of the former are
+
+        (p / (1 - p) / EVEN_ODDS)^2
+
+    which is near what fits the lines of simulated drives, of which the paths are known (docs/notes/ego-motion.md). What
+    moves across the line of sight alone is not found.
+
+    :param probability: that an echo stands there
     """
     period, cosine = velocity_period_mps(radar), np.sqrt(np.maximum(1.0 - u**2, 1e-6))
     slope = motion.forward_mps * u / cosine - motion.left_mps
@@ -150,8 +161,9 @@ def moving_probability(
         + (0.5 * motion.forward_mps * rise**2 / cosine) ** 2
     )
     away = folded(velocity_mps - motion.range_rate(u), period)
-    static = (1.0 - MOVERS) * np.exp(-(away**2) / (2.0 * variance)) / np.sqrt(2.0 * np.pi * variance)
-    return MOVERS / period / (MOVERS / period + static)
+    static = (1.0 - ASTRAY) * np.exp(-(away**2) / (2.0 * variance)) / np.sqrt(2.0 * np.pi * variance)
+    odds = (probability / (1.0 - probability) / EVEN_ODDS) ** 2
+    return odds / (1.0 + odds) * ASTRAY / (ASTRAY + period * static)
 
 
 TRIALS = 64

@@ -22,7 +22,7 @@ UNITS = {
     "range": "m", "u": "sin(azimuth)", "velocity": "m/s, receding", "amplitude_db": "dB re 1 sqrt(W)",
     "u_std": "sin(azimuth), Cramer-Rao", "probability": "that an echo stands there",
     "range_std": "m, Cramer-Rao, or of a bin", "velocity_std": "m/s, Cramer-Rao, or of a Doppler cell",
-    "moving": "probability of no part of the static world; null where the sensor's motion is not known",
+    "moving": "probability of something that moves; null where the sensor's motion is not known",
     "doppler_cell": "index on the rising velocity axis", "snr_db": "dB over the noise of all channels added",
 }  # fmt: skip
 """Of the fields of a detection, in their order."""

@@ -88,7 +88,7 @@ class Detections:
     :param probability: [N] that an echo stands there, by :func:`line_probability`
     :param range_std: [N] likewise of the range, that of a uniform bin where it is the bin's [m]
     :param velocity_std: [N] likewise of the velocity [m/s]
-    :param moving: [N] probability that it does not belong to the static world; NaN where the sensor's own motion is not
+    :param moving: [N] probability that it is of something that moves; NaN where the sensor's own motion is not
         known, and of less than three chirps
     :param doppler_cell: [N] on the rising velocity axis, where its range-Doppler cell stands
     :param snr_db: [N] of the line in its cell, all channels added, over the noise that the fit was told [dB]
@@ -279,7 +279,7 @@ def with_moving(found: Detections, motion: EgoMotion | None, radar: Radar) -> De
     """The detections with ``moving`` by the sensor's motion; as they are where it, or their velocity, is not known."""
     if motion is None or not radar.waveform.tells_velocity:
         return found
-    seen = found.range_m, found.u, found.velocity, found.u_std, found.velocity_std
+    seen = found.range_m, found.u, found.velocity, found.u_std, found.velocity_std, found.probability
     return replace(found, moving=moving_probability(motion, radar, *seen))
 
 
