@@ -23,8 +23,8 @@ from prepared_scenes import EFFECT_SCENES as EFFECTS
 from prepared_scenes import prepared_scene
 from small_radar import write_small_radar
 
+from datafactory.accuracy import proof
 from datafactory.defaults import DEFAULT_BUDGET_DB
-from datafactory.effects import proof
 from datafactory.effects.catalogue import ALL, NAMES, EffectSet
 from datafactory.effects.plan import plan_of_frame
 from datafactory.frame.chain import ChainSettings, SceneSource, illuminated

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from prepared_scenes import prepared_scene
 
+from datafactory.accuracy import proof
 from datafactory.defaults import DEFAULT_BUDGET_DB
-from datafactory.effects import proof
 from datafactory.effects.catalogue import ALL, DESCRIPTIONS, NAMES, PATH_EFFECTS, EffectSet, parse_effects
 from datafactory.effects.plan import FLOOR_DB, FramePlan, Loss, plan_of_frame, plan_of_scene
 from datafactory.frame.chain import ChainSettings, SceneSource

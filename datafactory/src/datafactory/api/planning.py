@@ -9,11 +9,11 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
+from datafactory.accuracy.proof import Proof, costs, prove
 from datafactory.api.asking import materials_of, order_of
 from datafactory.api.options import OrderOptions, PlanOptions
 from datafactory.api.turns import in_turn
 from datafactory.effects.plan import EffectPlan, FramePlan, plan_of_frame, plan_of_scene
-from datafactory.effects.proof import Proof, costs, prove
 from datafactory.frame.chain import SceneSource
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.portions import Job

@@ -5,31 +5,22 @@ cost: processor seconds of one frame, with and without them, on this machine.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.accuracy.looking import Cells, made
+from datafactory.accuracy.power import level_db, peak_error
 from datafactory.effects.catalogue import ALL, NAMES, NO_CHOICE, EffectSet
 from datafactory.effects.plan import FLOOR_DB, EffectPlan
-from datafactory.frame.chain import (
-    ChainSettings,
-    SceneSource,
-    TracedSource,
-    illuminated,
-    make_frames,
-    measured,
-    narrowed,
-)
-from datafactory.frame.measurement import image
+from datafactory.frame.chain import ChainSettings, SceneSource, illuminated, make_frames, narrowed
 from datafactory.paths.cells import UNPRUNED_DB, cell_power
-from shared.physics.units import amplitude_to_db, power_to_db
+from shared.physics.units import power_to_db
 from shared.processes.telling import Progress
 from shared.radar import Radar
 from shared.signal.imaging import delay_and_sum
-from shared.signal.spectrum import DopplerSelection, selection_at
+from shared.signal.spectrum import range_doppler, selection_at
 
 REPEATS = 2
 """Timed frames of each kind, one beside the other in turn; the least counts."""
@@ -107,17 +98,17 @@ def prove(source: SceneSource, radar: Radar) -> Proof:
     sources = source, replace(source, settings=everything)
     alone, complete = (of.traced(radar) for of in sources)
     narrow, paths = narrowed(alone, settings, radar)
-    expected = _images(TracedSource(complete, _bare(everything)), radar)
-    got = _images(TracedSource(alone, _bare(narrow)), radar, expected.cells)
+    expected = made([complete], _bare(everything), radar)
+    got = made([alone], _bare(narrow), radar, rows=expected.cells)
     window = settings.processing.truth_window
     reference = cell_power(illuminated(complete, everything, radar), radar, window)
-    ratio = float(np.abs(cell_power(paths, radar, window) - reference).max() / max(reference.max(), 1e-300))
+    inputs = [_beamformed(outcome.cubes[0], expected.cells[0], radar) for outcome in (got, expected)]
     pairs = [[frame_seconds(of, radar) for of in sources] for _ in range(REPEATS)]
     planned_seconds, all_seconds = (min(times) for times in zip(*pairs, strict=True))
     return Proof(
-        power_db=float(power_to_db(ratio, FLOOR_DB)),
-        input_db=_difference_db(got.beamformed, expected.beamformed),
-        truth_db=_difference_db(got.truth, expected.truth),
+        power_db=float(power_to_db(peak_error(cell_power(paths, radar, window), reference), FLOOR_DB)),
+        input_db=level_db(peak_error(*inputs)),
+        truth_db=level_db(peak_error(got.images, expected.images)),
         planned_seconds=planned_seconds,
         all_seconds=all_seconds,
     )
@@ -129,36 +120,8 @@ def _bare(settings: ChainSettings) -> ChainSettings:
     return replace(settings, processing=silent, prune_db=UNPRUNED_DB, budget_db=None)
 
 
-@dataclass(frozen=True, eq=False)
-class _Images:
-    """[R, U] magnitudes of the input beamformed and of the truth [sqrt(W)], and their Doppler cells [R]."""
-
-    beamformed: NDArray[np.float32]
-    truth: NDArray[np.float32]
-    cells: NDArray[np.int64]
-
-
-def _images(source: TracedSource, radar: Radar, cells: NDArray[np.int64] | None = None) -> _Images:
-    """Both images of a traced frame.
-
-    :param cells: [R] Doppler cells to use; the strongest of every range bin otherwise
-    """
-    chosen: list[DopplerSelection] = []
-
-    def at(step: str, function: Callable[..., Any], *arguments: Any) -> Any:
-        value = function(*arguments)
-        if step != "Doppler choice":
-            return value
-        selection = value if cells is None else selection_at(arguments[0], cells)
-        chosen.append(selection)
-        return selection
-
-    measurement = measured(source, radar, at)
-    ((frame, _),) = image([measurement], radar)
-    beamformed = delay_and_sum(measurement.frame.range_channel[0], radar)
-    return _Images(np.abs(beamformed), frame.image * np.float32(frame.image_peak), chosen[0].cells[0])
-
-
-def _difference_db(got: NDArray[np.float32], expected: NDArray[np.float32]) -> float:
-    peak = float(expected.max(initial=0.0))
-    return float(amplitude_to_db(np.abs(got - expected).max() / peak, FLOOR_DB)) if peak > 0.0 else FLOOR_DB
+def _beamformed(cube: NDArray, cells: Cells, radar: Radar) -> NDArray[np.float32]:
+    """[R, U] magnitudes of the input in the Doppler cells [R] [sqrt(W)]."""
+    rows = selection_at(range_doppler(cube, radar), cells).range_channel[0]
+    magnitudes: NDArray[np.float32] = np.abs(delay_and_sum(rows, radar))
+    return magnitudes
