@@ -200,3 +200,15 @@ def test_gltf_morph_weights_are_told_where_they_deform(tmp_path: Path) -> None:
         assert gltf(tmp_path, morphing, nodes=[{"mesh": 0, "weights": [weight]}]).warnings == remarks
         mesh = {"primitives": morphing, "weights": [weight]}
         assert gltf(tmp_path, [], meshes=[mesh]).warnings == remarks
+
+
+def test_the_primitives_of_a_gltf_mesh_have_the_same_names_at_each_reading(tmp_path: Path) -> None:
+    """Populations are drawn from a scene's hash, and `inspect --camera` refuses a scene of another."""
+    house = {"nodes": [{"mesh": 0, "name": "house"}, {"mesh": 0}], "scenes": [{"nodes": [0, 1]}]}
+    first = gltf(tmp_path, [SHEET, SHEET, SHEET], **house)
+    assert {item.name for item in first.objects} == {"house", "house_1", "house_2", "1", "1_1", "1_2"}
+    assert gltf(tmp_path, [SHEET, SHEET, SHEET], **house).content_hash() == first.content_hash()
+    text = (tmp_path / "m.gltf").read_bytes()
+    text += b" " * (-len(text) % 4)
+    binary = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text), len(text), b"JSON") + text
+    assert opened(tmp_path / "m.glb", binary).content_hash() == first.content_hash()

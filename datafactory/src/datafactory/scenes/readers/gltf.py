@@ -1,10 +1,17 @@
-"""What trimesh reads wrongly of a glTF file is refused; what it ignores is noted."""
+"""glTF files in the form that trimesh reads right; what it reads wrongly in any form is refused, what it ignores noted.
+
+trimesh names the nodes of a mesh's primitives at random where there are several, so that each reading of such a file
+would have another hash.
+"""
 
 from __future__ import annotations
 
 import json
+from io import BytesIO
 from pathlib import Path
 from typing import Any
+
+import trimesh
 
 from datafactory.scenes.readers.common import MAXIMUM_TRIANGLES, Notes
 from shared.physics.errors import InputError
@@ -28,7 +35,7 @@ def check_gltf(path: Path, notes: Notes) -> None:
     :raises InputError: a file that is not intact, compressed or sparse geometry, more elements than a scene may hold
     """
     try:
-        header = _header(path)
+        header = _header(path.read_bytes())
         required = set(header.get("extensionsRequired", ()))
         animations, skins = len(header.get("animations", ())), len(header.get("skins", ()))
         accessors, meshes, nodes = (header.get(key, []) for key in ("accessors", "meshes", "nodes"))
@@ -56,8 +63,40 @@ def check_gltf(path: Path, notes: Notes) -> None:
         notes.count(f"# glTF {kind} ignored", modes.count(mode))
 
 
-def _header(path: Path) -> dict[str, Any]:
+def load_gltf(path: Path, notes: Notes) -> trimesh.Scene:
+    """What trimesh makes of a glTF file that :func:`check_gltf` has passed."""
     data = path.read_bytes()
+    header = _header(data)
+    _part_primitives(header)
+    written = json.dumps(header).encode()
+    binary = data[:4] == b"glTF"
+    if binary:
+        written += b" " * (-len(written) % 4)
+        rest = data[20 + int.from_bytes(data[12:16], "little") :]
+        start = (20 + len(written) + len(rest)).to_bytes(4, "little") + len(written).to_bytes(4, "little")
+        written = data[:8] + start + b"JSON" + written + rest
+    resolver = trimesh.resolvers.FilePathResolver(str(path))
+    return trimesh.load_scene(BytesIO(written), file_type="glb" if binary else "gltf", resolver=resolver, process=False)
+
+
+def _part_primitives(header: dict[str, Any]) -> None:
+    """Make each primitive the only one of a mesh: the first stays, the others become meshes of nodes below."""
+    meshes, nodes = header.get("meshes", []), header.get("nodes", [])
+    others: list[range] = []  # of each mesh, the meshes that its other primitives become
+    for mesh in list(meshes):
+        first, more = mesh["primitives"][:1], mesh["primitives"][1:]
+        others.append(range(len(meshes), len(meshes) + len(more)))
+        meshes += [{**mesh, "primitives": [primitive]} for primitive in more]
+        mesh["primitives"] = first
+    for number, node in enumerate(list(nodes)):
+        below = others[node["mesh"]] if "mesh" in node else ()
+        if below:
+            node["children"] = [*node.get("children", ()), *range(len(nodes), len(nodes) + len(below))]
+            name = node.get("name", number)
+            nodes += [{"name": f"{name}_{place}", "mesh": mesh} for place, mesh in enumerate(below, start=1)]
+
+
+def _header(data: bytes) -> dict[str, Any]:
     # A .glb is a 12-byte header, then chunks of (length, type, data), the JSON first (glTF 2.0, section 4.4).
     if data[:4] == b"glTF":
         data = data[20 : 20 + int.from_bytes(data[12:16], "little")]

@@ -14,7 +14,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from datafactory.scenes.readers.common import Y_UP_TO_Z_UP, Notes, check_counts, scene_at_rest
-from datafactory.scenes.readers.gltf import check_gltf
+from datafactory.scenes.readers.gltf import check_gltf, load_gltf
 from datafactory.scenes.readers.obj import load_obj
 from datafactory.scenes.readers.ply import load_ply
 from datafactory.scenes.scene import Scene
@@ -87,7 +87,7 @@ def _placed_geometries(
         raise InputError(source, f"mesh file {str(path)!r} does not exist", "an existing file")
     parts = []
     try:
-        own = {".obj": load_obj, ".ply": load_ply}.get(path.suffix.lower())
+        own = {".obj": load_obj, ".ply": load_ply, ".glb": load_gltf, ".gltf": load_gltf}.get(path.suffix.lower())
         scene = trimesh.load_scene(path, process=False) if own is None else own(path, notes)
         for node in scene.graph.nodes_geometry:
             matrix, geometry = scene.graph[node]
