@@ -212,3 +212,10 @@ def test_the_primitives_of_a_gltf_mesh_have_the_same_names_at_each_reading(tmp_p
     text += b" " * (-len(text) % 4)
     binary = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text), len(text), b"JSON") + text
     assert opened(tmp_path / "m.glb", binary).content_hash() == first.content_hash()
+
+
+def test_a_gltf_camera_takes_no_mesh_away(tmp_path: Path) -> None:
+    lens = {"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}
+    nodes = [{"camera": 0, "mesh": 0, "name": "car", "children": [1], "translation": [0, 0, 9]}, {"mesh": 0}]
+    scene = gltf(tmp_path, [SHEET], nodes=nodes, cameras=[lens])
+    assert [(item.name, *item.vertices.min(axis=0)) for item in scene.objects] == [("car", 0, -9, 0), ("1", 0, -9, 0)]

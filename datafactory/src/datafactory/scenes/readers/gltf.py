@@ -1,7 +1,7 @@
 """glTF files in the form that trimesh reads right; what it reads wrongly in any form is refused, what it ignores noted.
 
 trimesh names the nodes of a mesh's primitives at random where there are several, so that each reading of such a file
-would have another hash.
+would have another hash. It leaves out the node of the first camera, without which what is below it has no place.
 """
 
 from __future__ import annotations
@@ -67,6 +67,8 @@ def load_gltf(path: Path, notes: Notes) -> trimesh.Scene:
     """What trimesh makes of a glTF file that :func:`check_gltf` has passed."""
     data = path.read_bytes()
     header = _header(data)
+    for node in header.get("nodes", ()):
+        node.pop("camera", None)
     _part_primitives(header)
     written = json.dumps(header).encode()
     binary = data[:4] == b"glTF"
