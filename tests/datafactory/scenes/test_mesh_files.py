@@ -219,3 +219,12 @@ def test_a_gltf_camera_takes_no_mesh_away(tmp_path: Path) -> None:
     nodes = [{"camera": 0, "mesh": 0, "name": "car", "children": [1], "translation": [0, 0, 9]}, {"mesh": 0}]
     scene = gltf(tmp_path, [SHEET], nodes=nodes, cameras=[lens])
     assert [(item.name, *item.vertices.min(axis=0)) for item in scene.objects] == [("car", 0, -9, 0), ("1", 0, -9, 0)]
+
+
+def test_a_gltf_buffer_may_have_a_name_with_a_blank(tmp_path: Path) -> None:
+    """A URI has it as %20 (glTF 2.0, section 2.8): so exporters write it of a file with a blank in its name."""
+    gltf(tmp_path, [SHEET])
+    header = json.loads((tmp_path / "m.gltf").read_text())
+    (tmp_path / "my scene.bin").write_bytes(base64.b64decode(header["buffers"][0]["uri"].partition(",")[2]))
+    header["buffers"][0]["uri"] = "my%20scene.bin"
+    assert covered(opened(tmp_path / "my scene.gltf", json.dumps(header))) == 1.0

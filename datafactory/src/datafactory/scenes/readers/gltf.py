@@ -1,7 +1,8 @@
 """glTF files in the form that trimesh reads right; what it reads wrongly in any form is refused, what it ignores noted.
 
 trimesh names the nodes of a mesh's primitives at random where there are several, so that each reading of such a file
-would have another hash. It leaves out the node of the first camera, without which what is below it has no place.
+would have another hash. It leaves out the node of the first camera, without which what is below it has no place. It
+takes a URI for a file's name as it is written.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import json
 from io import BytesIO
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import trimesh
 
@@ -69,6 +71,9 @@ def load_gltf(path: Path, notes: Notes) -> trimesh.Scene:
     header = _header(data)
     for node in header.get("nodes", ()):
         node.pop("camera", None)
+    for item in (*header.get("buffers", ()), *header.get("images", ())):
+        if "uri" in item:
+            item["uri"] = unquote(item["uri"])
     _part_primitives(header)
     written = json.dumps(header).encode()
     binary = data[:4] == b"glTF"
