@@ -228,3 +228,11 @@ def test_a_gltf_buffer_may_have_a_name_with_a_blank(tmp_path: Path) -> None:
     (tmp_path / "my scene.bin").write_bytes(base64.b64decode(header["buffers"][0]["uri"].partition(",")[2]))
     header["buffers"][0]["uri"] = "my%20scene.bin"
     assert covered(opened(tmp_path / "my scene.gltf", json.dumps(header))) == 1.0
+
+
+def test_gltf_instances_are_refused_where_the_file_does_not_require_them(tmp_path: Path) -> None:
+    """A reader without the extension sees one tree of a wood."""
+    trees = {"mesh": 0, "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}}}
+    with pytest.raises(InputError, match=r"uses the glTF extension EXT_mesh_gpu_instancing; expected a file exported"):
+        gltf(tmp_path, [SHEET], nodes=[trees], extensionsUsed=["EXT_mesh_gpu_instancing"])
+    assert covered(gltf(tmp_path, [SHEET], extensionsUsed=["EXT_mesh_gpu_instancing"])) == 1.0

@@ -18,13 +18,14 @@ import trimesh
 from datafactory.scenes.readers.common import MAXIMUM_TRIANGLES, Notes
 from shared.physics.errors import InputError
 
+INSTANCING = "EXT_mesh_gpu_instancing"
 # Extensions that change vertex positions and that trimesh does not decode.
 GEOMETRY_EXTENSIONS = (
     "KHR_draco_mesh_compression",
     "EXT_meshopt_compression",
     "KHR_meshopt_compression",
     "KHR_mesh_quantization",
-    "EXT_mesh_gpu_instancing",
+    INSTANCING,
 )
 TRIANGLES = 4
 DROPPED = {2: "line loops", 3: "line strips", 6: "triangle fans"}
@@ -39,6 +40,8 @@ def check_gltf(path: Path, notes: Notes) -> None:
     try:
         header = _header(path.read_bytes())
         required = set(header.get("extensionsRequired", ()))
+        if any(INSTANCING in node.get("extensions", ()) for node in header.get("nodes", ())):
+            required.add(INSTANCING)  # a file need not say so, and a reader without it sees one of all
         animations, skins = len(header.get("animations", ())), len(header.get("skins", ()))
         accessors, meshes, nodes = (header.get(key, []) for key in ("accessors", "meshes", "nodes"))
         largest = max((int(accessor.get("count", 0)) for accessor in accessors), default=0)
