@@ -236,3 +236,11 @@ def test_gltf_instances_are_refused_where_the_file_does_not_require_them(tmp_pat
     with pytest.raises(InputError, match=r"uses the glTF extension EXT_mesh_gpu_instancing; expected a file exported"):
         gltf(tmp_path, [SHEET], nodes=[trees], extensionsUsed=["EXT_mesh_gpu_instancing"])
     assert covered(gltf(tmp_path, [SHEET], extensionsUsed=["EXT_mesh_gpu_instancing"])) == 1.0
+
+
+def test_what_a_gltf_file_hides_is_left_out_and_counted(tmp_path: Path) -> None:
+    hidden = {"children": [1], "mesh": 0, "extensions": {"KHR_node_visibility": {"visible": False}}}
+    shown = {"mesh": 0, "extensions": {"KHR_node_visibility": {"visible": True}}}
+    scene = gltf(tmp_path, [SHEET], nodes=[hidden, {"mesh": 0}, shown], scenes=[{"nodes": [0, 2]}])
+    assert [item.name for item in scene.objects] == ["2"]
+    assert scene.warnings == ("1 invisible glTF nodes skipped, with everything below them",)

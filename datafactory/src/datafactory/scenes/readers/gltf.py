@@ -74,6 +74,9 @@ def load_gltf(path: Path, notes: Notes) -> trimesh.Scene:
     header = _header(data)
     for node in header.get("nodes", ()):
         node.pop("camera", None)
+        if not node.get("extensions", {}).get("KHR_node_visibility", {}).get("visible", True):
+            notes.count("# invisible glTF nodes skipped, with everything below them")
+            node.clear()
     for item in (*header.get("buffers", ()), *header.get("images", ())):
         if "uri" in item:
             item["uri"] = unquote(item["uri"])
