@@ -106,6 +106,28 @@ def test_material_subsets_split_a_mesh_and_leave_the_rest(tmp_path: Path) -> Non
     assert [area(item) for item in objects] == pytest.approx([8.0, 16.0])
 
 
+@pytest.mark.parametrize(
+    "kind", ['elementType = "face"', 'elementType = "point"\nuniform token familyName = "materialBind"']
+)
+def test_a_subset_that_splits_no_faces_off_is_said_where_it_has_a_material(tmp_path: Path, kind: str) -> None:
+    """To USD the family's name makes a subset one that materials are bound by; other programs leave it out."""
+    body = f"""def Mesh "m" {{
+      {CUBE}
+      def GeomSubset "pane" {{
+        uniform token {kind}
+        int[] indices = [1]
+        custom string radar:material = "glass"
+      }}
+      def GeomSubset "seam" {{
+        uniform token {kind.replace("materialBind", "seams")}
+        int[] indices = [1]
+      }}
+    }}"""
+    scene = read(tmp_path, body)
+    assert [(item.name, item.material, area(item)) for item in scene.objects] == [("/m", "", 24.0)]
+    assert scene.warnings == ("1 subsets with a material ignored: they are not of faces in the family materialBind",)
+
+
 @pytest.mark.parametrize("purpose", [":full", ":preview"])
 def test_a_material_of_one_purpose_is_the_material(tmp_path: Path, purpose: str) -> None:
     body = f"""def Material "glass" {{}}

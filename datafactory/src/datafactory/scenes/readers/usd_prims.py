@@ -73,13 +73,24 @@ def prim_shape(prim: Usd.Prim, clock: Clock) -> PrimShape:
         triangles = triangles[:, ::-1]
     parts = []
     rest = np.ones(len(triangles), dtype=bool)
-    for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
+    for subset in UsdGeom.Subset.GetAllGeomSubsets(UsdGeom.Imageable(prim)):
+        kind, family = subset.GetElementTypeAttr().Get(), subset.GetFamilyNameAttr().Get()
+        if (kind, family) != (UsdGeom.Tokens.face, UsdShade.Tokens.materialBind):
+            _note_own_material(subset.GetPrim(), notes)
+            continue
         chosen = rest & np.isin(faces, whole_numbers(subset.GetIndicesAttr(), start))
         rest &= ~chosen
         parts.append((subset.GetPrim().GetName(), triangles[chosen]))
     if rest.any() or not len(rest):
         parts.append(("", triangles[rest]))
     return PrimShape(points, tuple(parts), notes, track)
+
+
+def _note_own_material(subset: Usd.Prim, notes: Notes) -> None:
+    """Count a subset that USD gives no faces of its own material, if it has one."""
+    bound = UsdShade.MaterialBindingAPI(subset).GetDirectBindingRel().GetTargets()
+    if bound or subset.HasAttribute("radar:material"):
+        notes.count("# subsets with a material ignored: they are not of faces in the family materialBind")
 
 
 def whole_numbers(attribute: Usd.Attribute, time: Usd.TimeCode) -> NDArray[np.int64]:
