@@ -168,6 +168,24 @@ def test_a_cross_section_makes_a_point_target_of_the_whole_subtree(tmp_path: Pat
     assert any("1 geometry prims left out" in warning for warning in scene.warnings)
 
 
+def test_targets_below_a_target_are_counted(tmp_path: Path) -> None:
+    body = """def Xform "van" {
+      custom float radar:rcs_dbsm = 10
+      def Xform "plate" {
+        custom float radar:rcs_dbsm = 3
+        def Xform "driver" {
+          custom string radar:target = "pedestrian"
+        }
+        def Xform "load" {
+          custom string radar:target = "none"
+        }
+      }
+    }"""
+    scene = read(tmp_path, body)
+    assert [target.name for target in scene.targets] == ["/van"]
+    assert scene.warnings == ("2 targets left out: they are below another target, which stands for them",)
+
+
 def test_what_is_not_to_be_seen_is_left_out_and_counted(tmp_path: Path) -> None:
     body = f"""def Xform "hidden" {{
       token visibility = "invisible"

@@ -238,12 +238,18 @@ class _Reader:
             if turned is None:
                 raise InputError(self._path, f"{prim.GetPath()}: its transform is flat", "one that keeps x and z apart")
         axes = turned or WORLD_AXES
-        below = Usd.PrimRange(prim, inherited.frame.predicate)
+        below = list(Usd.PrimRange(prim, inherited.frame.predicate))
         replaced = sum(1 for item in below if item.IsA(UsdGeom.Gprim) or item.IsA(UsdGeom.PointInstancer))
         if kind is None and replaced:
             occupied = occupied_below(prim, self._start, (self._to_world @ matrix)[:3, :3], axes)
         reason = "a point target (radar:rcs_dbsm)" if kind is None else "the model of a target"
         self._notes.count(f"# geometry prims left out: {reason} stands for them", replaced)
+        lost = sum(
+            item.HasAttribute("radar:rcs_dbsm") or target_kind(self._path, item, self._start, False) is not None
+            for item in below
+            if item != prim
+        )
+        self._notes.count("# targets left out: they are below another target, which stands for them", lost)
         x, y, z = (float(value) for value in (self._to_world @ matrix)[:3, 3])
         if not (np.abs([x, y, z]) <= FARTHEST_M).all():
             raise InputError(
