@@ -114,6 +114,29 @@ def test_what_is_odd_about_an_animation_is_said(tmp_path: Path) -> None:
     np.testing.assert_allclose(driven.vertices.mean(axis=0), [2, 0, 0], atol=1e-9)
 
 
+def test_rates_that_are_not_used_are_said(tmp_path: Path) -> None:
+    body = f"""def Mesh "cloth" {{
+      {CUBE}
+      vector3f[] velocities = [{", ".join(8 * ["(1, 0, 0)"])}]
+    }}
+    def PointInstancer "wheels" {{
+      point3f[] positions = [(9, 0, 0)]
+      vector3f[] velocities = [(1, 0, 0)]
+      vector3f[] angularVelocities = [(0, 0, 90)]
+      int[] protoIndices = [0]
+      rel prototypes = </wheels/wheel>
+      def Sphere "wheel" {{
+      }}
+    }}"""
+    scene = read(tmp_path, body)
+    assert not any(item.moves for item in scene.objects)
+    assert scene.warnings == (
+        "1 meshes have 'velocities', which are not used (points' samples are)",
+        "1 point instancers have 'velocities', which are not used (positions' samples are)",
+        "1 point instancers have 'angularVelocities', which are not used (orientations' samples are)",
+    )
+
+
 def test_a_turning_target_points_where_its_prim_does(tmp_path: Path) -> None:
     body = """def Xform "t" {
       custom token radar:target = "car"

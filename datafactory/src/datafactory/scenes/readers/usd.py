@@ -295,8 +295,9 @@ class _Reader:
         if depth >= MAXIMUM_NESTING:
             raise InputError(self._path, f"{path} lies within {depth} levels of instances", f"less than {depth}")
         inherited = replace(inherited, instancers=(*inherited.instancers, path))
-        if instancer.GetVelocitiesAttr().HasAuthoredValue():
-            self._notes.count("# point instancers have 'velocities', which are not used (positions' samples are)")
+        for rate, samples in (("velocities", "positions"), ("angularVelocities", "orientations")):
+            stated = instancer.GetPrim().GetAttribute(rate).HasAuthoredValue()
+            self._notes.count(f"# point instancers have '{rate}', which are not used ({samples}' samples are)", stated)
         try:
             frames = instance_frames(instancer, inherited.frame, self._transforms, PROTOTYPE_PRIMS)
         except ValueError as error:

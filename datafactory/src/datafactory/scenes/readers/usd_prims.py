@@ -65,6 +65,8 @@ def prim_shape(prim: Usd.Prim, clock: Clock) -> PrimShape:
         if cut is None:
             return PrimShape(np.zeros((0, 3)), (), notes)
         track = point_track(mesh, len(points), clock, notes)
+        unused = mesh.GetVelocitiesAttr().HasAuthoredValue()
+        notes.count("# meshes have 'velocities', which are not used (points' samples are)", unused)
     else:
         points, triangles = _solid(prim, start, notes)
         cut = triangles, np.zeros(len(triangles), dtype=np.int64)
