@@ -102,6 +102,14 @@ def test_what_is_dropped_and_what_to_know(report: SceneReport) -> None:
     json.dumps(asdict(report))
 
 
+def test_a_name_of_the_map_that_no_material_has_is_said(tmp_path: Path) -> None:
+    (tmp_path / "materials.toml").write_text('[map]\nmithral = "metal"\nmithril = "metal"\n')
+    scene = write_usda(tmp_path, BODY)
+    known = json.loads(run("check", "--scene", scene, "--materials", tmp_path / "materials.toml", "--json"))
+    vain = "--materials: no material of the scenes has these names of [map]: mithral; did you mean 'mithril'?"
+    assert vain in known["remarks"]
+
+
 def test_the_command_prints_it_and_json(tmp_path: Path) -> None:
     path = write_usda(tmp_path, f'def Mesh "m" {{\n{CUBE}\n}}')
     shown = run("check", "--scene", path)

@@ -91,6 +91,7 @@ def examine_scene(scene: Scene, table: MaterialTable) -> SceneReport:
     lower, upper = scene.bounds()
     x, y, z = (float(side) for side in upper - lower)
     ground, no_ground = _ground(scene)
+    unmatched = table.unmatched(sorted(mapping.entries))
     return SceneReport(
         name=scene.name,
         source=scene.source,
@@ -102,7 +103,7 @@ def examine_scene(scene: Scene, table: MaterialTable) -> SceneReport:
         motions=tuple(_motions(scene)),
         dropped=scene.warnings,
         ground_m2=ground,
-        remarks=(*no_ground, *_remarks(scene, mapping)),
+        remarks=(*no_ground, *([unmatched] if unmatched else ()), *_remarks(scene, mapping)),
     )
 
 
