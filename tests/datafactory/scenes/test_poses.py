@@ -118,6 +118,15 @@ def test_places_under_the_ground_and_inside_what_stands_are_found():
     assert buried(scene, np.zeros((0, 3))).tolist() == []
 
 
+def test_places_inside_what_stands_on_the_ground_or_in_it_are_found():
+    """As every house does: its floor is no lower than the ground, or hidden by it."""
+    ground = sheet("ground", (-20.0, 20.0), (-20.0, 20.0), lambda x, y: 0.0)
+    houses = (box("on it", (5.0, -2.0, 0.0), (9.0, 2.0, 6.0)), box("in it", (-9.0, -2.0, -0.5), (-5.0, 2.0, 6.0)))
+    places = np.array([(x, 0.0, z) for x in (7.0, -7.0, 0.0) for z in (0.5, 6.5)])
+    for objects in ((ground, *houses), (*houses, ground)):
+        assert buried(Scene("town", objects), places).tolist() == [True, False, True, False, False, False]
+
+
 def free_centres(ground):
     i, j = np.nonzero(ground.free)
     return ground.origin[0] + (i + 0.5) * ground.cell_m, ground.origin[1] + (j + 0.5) * ground.cell_m

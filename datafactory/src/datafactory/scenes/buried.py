@@ -11,19 +11,25 @@ from shared.physics.compiled import compiled
 
 def buried(scene: Scene, places: NDArray[np.float64]) -> NDArray[np.bool_]:
     """[n] whether a place [n, 3] is under the ground or inside a solid, by the nearest faces straight above and below
-    it of what does not move: there is one above, and none below; or the one above looks up, and the one below down.
+    it of what does not move: there is one above, and none below; or the one above looks up, and the one below down. The
+    latter is asked of each object alone too: the floor of a house is in the ground, or on it, and the ground looks up.
 
     :param places: in the world [m]
     """
     rising, place = np.unique(places, axis=0, return_inverse=True)
     nearest, towards = np.full((2, len(rising)), np.inf), np.ones((2, len(rising)), dtype=bool)
+    within = np.zeros(len(rising), dtype=bool)
     for item in scene.objects:
         if not item.moves:
             corners = item.vertices[item.triangles]
             first = np.searchsorted(rising[:, 0], corners[..., 0].min(axis=1))
-            _meet_vertically(corners, first, rising, nearest, towards)
+            own, looks = np.full_like(nearest, np.inf), np.ones_like(towards)
+            _meet_vertically(corners, first, rising, own, looks)
+            within |= ~looks.any(axis=0)
+            towards = np.where(own < nearest, looks, towards)
+            nearest = np.minimum(own, nearest)
     above, below = nearest
-    hidden = np.isfinite(above) & (np.isinf(below) | ~towards.any(axis=0))
+    hidden = within | np.isfinite(above) & (np.isinf(below) | ~towards.any(axis=0))
     return hidden[place.reshape(-1)]
 
 
