@@ -251,6 +251,12 @@ def test_a_scene_that_was_read_is_populated_and_not_read_in_another_way() -> Non
         order_of(OrderOptions(street, variant=["lod=far"]))
 
 
+def test_a_populated_scene_is_not_populated_again(hill: Scene) -> None:
+    """Its things would have the names of the new ones, and two of one name have one box around them."""
+    with pytest.raises(InputError, match=r"--populate: .* is populated, with cars=6.*; expected all of it at once"):
+        order_of(OrderOptions(hill, populate="cars=1"))
+
+
 def test_the_manifest_counts_what_was_put_in(hill: Scene) -> None:
     order = order_of(OrderOptions(hill, radar="avr-qdm-110", frames=1, rays=100, effects="diffuse"))
     said: list[str] = []

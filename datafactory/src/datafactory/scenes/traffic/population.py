@@ -22,6 +22,7 @@ from datafactory.scenes.targets.models import Cyclist, Pedestrian, RcsModel
 from datafactory.scenes.things import FOLDER, Label, Population
 from datafactory.scenes.traffic.arrange import Arranged, Asked, arrange, asset, parse_populate
 from datafactory.scenes.traffic.stretches import HORIZON_S, NARROW, find_stretches
+from shared.physics.errors import InputError
 
 METRES_OF_ROAD = {
     "cars": 20.0, "trucks": 20.0, "buses": 20.0, "cyclists": 20.0,
@@ -43,8 +44,10 @@ def populated(scene: Scene, asked: Asked, seed: int) -> Scene:
 
     :param seed: of the dataset; the arrangement follows from it and from the scene's content
     :return: with ``population``; what did not fit is among its warnings
-    :raises InputError: the scene has no free ground
+    :raises InputError: the scene has no free ground, or is populated: its things would have the names of the new ones
     """
+    if scene.population is not None:
+        raise InputError("--populate", f"{scene.name} is populated, with {scene.population.text}", "all of it at once")
     ground = free_ground(scene)
     content = int.from_bytes(sha256(scene.content_hash().encode()).digest()[:8], "big")
     rng = np.random.default_rng(np.random.SeedSequence(entropy=seed, spawn_key=(content,)))
