@@ -106,6 +106,30 @@ def test_material_subsets_split_a_mesh_and_leave_the_rest(tmp_path: Path) -> Non
     assert [area(item) for item in objects] == pytest.approx([8.0, 16.0])
 
 
+@pytest.mark.parametrize("specifier", ["def", "over", "class"])
+def test_material_subsets_of_a_prototype_split_each_instance(tmp_path: Path, specifier: str) -> None:
+    """Prototypes are often overs or classes, so that nothing but the instancer shows them."""
+    body = f"""def PointInstancer "cars" {{
+      point3f[] positions = [(0, 0, 0), (9, 0, 0)]
+      int[] protoIndices = [0, 0]
+      rel prototypes = </cars/car>
+      {specifier} Mesh "car" {{
+        {CUBE}
+        {specifier} GeomSubset "pane" {{
+          uniform token elementType = "face"
+          uniform token familyName = "materialBind"
+          int[] indices = [1]
+          custom string radar:material = "glass"
+        }}
+      }}
+    }}"""
+    assert [(item.name, item.material, area(item)) for item in read(tmp_path, body).objects] == [
+        (f"/cars[{number}]/car{part}", material, size)
+        for number in (0, 1)
+        for part, material, size in (("/pane", "glass", 4.0), ("", "", 20.0))
+    ]
+
+
 @pytest.mark.parametrize(
     "kind", ['elementType = "face"', 'elementType = "point"\nuniform token familyName = "materialBind"']
 )

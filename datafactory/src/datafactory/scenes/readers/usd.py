@@ -331,7 +331,7 @@ class _Reader:
     def _add_shape(self, prim: Usd.Prim, inherited: _Inherited) -> None:
         """One object for the prim, or one for each of its material subsets and one for the rest."""
         path = source_path(prim)
-        shape = self._shapes.get(path) or prim_shape(prim, self._clock)
+        shape = self._shapes.get(path) or prim_shape(prim, self._clock, inherited.frame.predicate)
         if prim.IsInstanceProxy() or not inherited.frame.root.IsPseudoRoot():
             self._shapes[path] = shape
         self._notes.repeat(shape.notes)

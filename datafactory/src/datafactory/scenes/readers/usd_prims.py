@@ -52,9 +52,10 @@ def has_shape(prim: Usd.Prim) -> bool:
     return prim.IsA(UsdGeom.Mesh) or prim.GetTypeName() in _SOLIDS
 
 
-def prim_shape(prim: Usd.Prim, clock: Clock) -> PrimShape:
+def prim_shape(prim: Usd.Prim, clock: Clock, predicate: Usd._PrimFlagsPredicate) -> PrimShape:
     """The meshes of a Mesh or a solid.
 
+    :param predicate: which prims below it are visited: USD's own search for subsets passes those of a prototype by
     :raises InputError: a solid's size that is negative or not finite
     """
     notes, track, start = Notes(), None, Usd.TimeCode(clock.start)
@@ -75,7 +76,7 @@ def prim_shape(prim: Usd.Prim, clock: Clock) -> PrimShape:
         triangles = triangles[:, ::-1]
     parts = []
     rest = np.ones(len(triangles), dtype=bool)
-    for subset in UsdGeom.Subset.GetAllGeomSubsets(UsdGeom.Imageable(prim)):
+    for subset in filter(None, map(UsdGeom.Subset, prim.GetFilteredChildren(predicate))):
         kind, family = subset.GetElementTypeAttr().Get(), subset.GetFamilyNameAttr().Get()
         if (kind, family) != (UsdGeom.Tokens.face, UsdShade.Tokens.materialBind):
             _note_own_material(subset.GetPrim(), notes)
