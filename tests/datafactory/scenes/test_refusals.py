@@ -305,6 +305,22 @@ def test_variants_within_instances_are_selected(tmp_path: Path) -> None:
     assert names(tmp_path, "\n".join(lots), "body=sedan") == ["/l0/one/sedan", "/l1/one/sedan"]
 
 
+@pytest.mark.parametrize("specifier", ["over", "class"])
+def test_variants_within_a_prototype_are_selected(tmp_path: Path, specifier: str) -> None:
+    write_usda(tmp_path, CAR, METRES_Z_UP, "car.usda")
+    body = f"""def PointInstancer "lot" {{
+      point3f[] positions = [(0, 0, 0)]
+      int[] protoIndices = [0]
+      rel prototypes = </Kinds/car>
+    }}
+    {specifier} "Kinds" {{
+      def Xform "car" (references = @car.usda@</car>) {{
+      }}
+    }}"""
+    assert names(tmp_path, body) == ["/lot[0]/car/van"]
+    assert names(tmp_path, body, "body=sedan") == ["/lot[0]/car/sedan"]
+
+
 @pytest.mark.parametrize(
     ("variants", "message"),
     [

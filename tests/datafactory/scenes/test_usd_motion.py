@@ -47,6 +47,20 @@ def test_without_a_start_the_first_sample_is_that_of_the_composed_stage(tmp_path
     np.testing.assert_allclose(car.at(0.25).vertices.mean(axis=0), [0, 0, 300], atol=1e-9)
 
 
+@pytest.mark.parametrize("specifier", ["def", "over", "class"])
+def test_without_a_start_the_first_sample_may_be_that_of_a_prototype(tmp_path: Path, specifier: str) -> None:
+    body = f"""def PointInstancer "wheels" {{
+      point3f[] positions = [(9, 0, 0)]
+      int[] protoIndices = [0]
+      rel prototypes = </wheels/wheel>
+      {specifier} Sphere "wheel" {{
+        {ops(translate={100: (0, 0, 0), 124: (0, 0, 6)})}
+      }}
+    }}"""
+    (wheel,) = read(tmp_path, body).objects
+    assert wheel.velocity == pytest.approx((0, 0, 6))
+
+
 def test_objects_of_one_track_are_one_motion(tmp_path: Path) -> None:
     objects = read(tmp_path, MOVING.replace('def Mesh "house"', 'def Sphere "far" {}\n def Mesh "house"')).objects
     both = read(tmp_path, MOVING + "\n" + MOVING.replace('"car"', '"other"').replace('"house"', '"barn"')).objects

@@ -42,15 +42,14 @@ from datafactory.scenes.readers.usd_labels import (
 from datafactory.scenes.readers.usd_motion import Frame, Transforms, check_motion, instance_frames, source_path
 from datafactory.scenes.readers.usd_prims import PrimShape, has_shape, prim_shape
 from datafactory.scenes.readers.usd_samples import Clock, bake_skinning
-from datafactory.scenes.readers.usd_stage import open_usd_stage, usd_stage_to_world
+from datafactory.scenes.readers.usd_stage import EVEN_UNDEFINED, open_usd_stage, usd_stage_to_world
 from datafactory.scenes.scene import LARGEST_RCS_DBSM, WORLD_AXES, ZERO, PointTarget, Scene, SceneObject
 from datafactory.scenes.usd_library import Sdf, Tf, Usd, UsdGeom, UsdShade
 from shared.physics.errors import InputError
 from shared.physics.units import FARTHEST_M
 
 SCENE_PRIMS = Usd.TraverseInstanceProxies()  # active, loaded, defined, not abstract
-# The prims of a prototype are often overs or classes.
-PROTOTYPE_PRIMS = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
+PROTOTYPE_PRIMS = Usd.TraverseInstanceProxies(EVEN_UNDEFINED)
 
 
 @dataclass(frozen=True)

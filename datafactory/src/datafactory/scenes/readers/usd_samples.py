@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Samples
 from datafactory.scenes.readers.common import MAXIMUM_NESTING, MAXIMUM_SAMPLED, Notes
+from datafactory.scenes.readers.usd_stage import EVEN_UNDEFINED
 from datafactory.scenes.usd_library import Gf, Usd, UsdGeom, UsdSkel
 
 LINES_A_SPAN = 32
@@ -69,7 +70,10 @@ def _first_sample(usd_stage: Usd.Stage) -> float:
     """The earliest time code at which any attribute has a sample, layers' offsets included; 0 without samples."""
     if not any(layer.ListAllTimeSamples() for layer in usd_stage.GetUsedLayers()):
         return 0.0
-    ranges = [usd_stage.Traverse(), *(Usd.PrimRange(prototype) for prototype in usd_stage.GetPrototypes())]
+    ranges = [
+        usd_stage.Traverse(EVEN_UNDEFINED),
+        *(Usd.PrimRange(prototype) for prototype in usd_stage.GetPrototypes()),
+    ]
     attributes = (item for prims in ranges for prim in prims for item in prim.GetAuthoredAttributes())
     samples = (time for item in attributes if item.ValueMightBeTimeVarying() for time in item.GetTimeSamples())
     return min((time for time in samples if np.isfinite(time)), default=0.0)

@@ -33,6 +33,8 @@ MATERIAL_SCOPES = frozenset(
     ["material", "materials", "mat", "mats", "mtl", "mtls", "look", "looks", "shader", "shaders", "texture", "textures"]
 )
 BINDINGS = "material:binding"
+EVEN_UNDEFINED = Usd.PrimIsActive & Usd.PrimIsLoaded
+"""The prims of a point instancer's prototype are often overs or classes, for it alone to show them."""
 
 
 def open_usd_stage(path: Path, notes: Notes, reading: Reading = AS_WRITTEN) -> Usd.Stage:
@@ -76,7 +78,7 @@ def select_variants(usd_stage: Usd.Stage, variants: tuple[tuple[str, str], ...])
     known: dict[str, set[str]] = defaultdict(set)
     for _ in range(MAXIMUM_NESTING):
         changed = False
-        for prim in list(usd_stage.Traverse()):
+        for prim in list(usd_stage.Traverse(EVEN_UNDEFINED)):
             for name, variant in _differing(prim, variants, known):
                 prim.GetVariantSet(name).SetVariantSelection(variant)
                 changed = True
