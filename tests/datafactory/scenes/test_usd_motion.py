@@ -151,6 +151,30 @@ def test_rates_that_are_not_used_are_said(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("samples", "later", "same"),
+    [
+        ("int[] protoIndices.timeSamples = { 0: [0], 24: LATER }", "[1]", "[0]"),
+        ("int[] protoIndices = [0]\nint64[] ids.timeSamples = { 0: [7], 24: LATER }", "[8]", "[7]"),
+        ("int[] protoIndices = [0]\nint64[] invisibleIds.timeSamples = { 0: [], 24: LATER }", "[0]", "[]"),
+    ],
+)
+def test_instances_that_come_and_go_are_said(tmp_path: Path, samples: str, later: str, same: str) -> None:
+    body = f"""def PointInstancer "cars" {{
+      point3f[] positions = [(9, 0, 0)]
+      {samples}
+      rel prototypes = [</cars/car>, </cars/van>]
+      def Sphere "car" {{
+      }}
+      def Cube "van" {{
+      }}
+    }}"""
+    scene = read(tmp_path, body.replace("LATER", later))
+    assert [item.name for item in scene.objects] == ["/cars[0]/car"]
+    assert scene.warnings == ("1 point instancers change which instances they have: taken as at the start",)
+    assert read(tmp_path, body.replace("LATER", same)).warnings == ()
+
+
 def test_a_turning_target_points_where_its_prim_does(tmp_path: Path) -> None:
     body = """def Xform "t" {
       custom token radar:target = "car"
