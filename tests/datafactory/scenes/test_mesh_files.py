@@ -221,13 +221,16 @@ def test_a_gltf_camera_takes_no_mesh_away(tmp_path: Path) -> None:
     assert [(item.name, *item.vertices.min(axis=0)) for item in scene.objects] == [("car", 0, -9, 0), ("1", 0, -9, 0)]
 
 
-def test_a_gltf_buffer_may_have_a_name_with_a_blank(tmp_path: Path) -> None:
-    """A URI has it as %20 (glTF 2.0, section 2.8): so exporters write it of a file with a blank in its name."""
-    gltf(tmp_path, [SHEET])
-    header = json.loads((tmp_path / "m.gltf").read_text())
-    (tmp_path / "my scene.bin").write_bytes(base64.b64decode(header["buffers"][0]["uri"].partition(",")[2]))
-    header["buffers"][0]["uri"] = "my%20scene.bin"
-    assert covered(opened(tmp_path / "my scene.gltf", json.dumps(header))) == 1.0
+@pytest.mark.parametrize(("file", "uri"), [("my scene.bin", "my%20scene.bin"), ("../m.bin", "../m.bin")])
+def test_a_gltf_buffer_is_the_file_that_its_uri_means(tmp_path: Path, file: str, uri: str) -> None:
+    """A blank is %20 in a URI (glTF 2.0, section 2.8): so exporters write it of a scene with one in its name."""
+    folder = tmp_path / "models"
+    folder.mkdir()
+    gltf(folder, [SHEET])
+    header = json.loads((folder / "m.gltf").read_text())
+    (folder / file).write_bytes(base64.b64decode(header["buffers"][0]["uri"].partition(",")[2]))
+    header["buffers"][0]["uri"] = uri
+    assert covered(opened(folder / "m.gltf", json.dumps(header))) == 1.0
 
 
 def test_gltf_instances_are_refused_where_the_file_does_not_require_them(tmp_path: Path) -> None:

@@ -88,7 +88,7 @@ def load_gltf(path: Path, notes: Notes) -> trimesh.Scene:
         rest = data[20 + int.from_bytes(data[12:16], "little") :]
         start = (20 + len(written) + len(rest)).to_bytes(4, "little") + len(written).to_bytes(4, "little")
         written = data[:8] + start + b"JSON" + written + rest
-    resolver = trimesh.resolvers.FilePathResolver(str(path))
+    resolver = trimesh.resolvers.FilePathResolver(str(path), allow_anywhere=True)  # as ../buffers/m.bin
     return trimesh.load_scene(BytesIO(written), file_type="glb" if binary else "gltf", resolver=resolver, process=False)
 
 
