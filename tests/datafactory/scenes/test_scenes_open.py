@@ -287,6 +287,18 @@ def test_defaults_includes_and_file_names_beyond_ascii(tmp_path: Path) -> None:
     assert signed_volume(item) == pytest.approx(27.0)
 
 
+def test_files_are_looked_for_in_the_folders_of_path_too(tmp_path: Path) -> None:
+    """The last one first, and the scene's own folder at last, as Mitsuba does."""
+    for folder, edge in (("", 1.0), ("a", 2.0), ("b", 3.0)):
+        (tmp_path / folder).mkdir(exist_ok=True)
+        trimesh.creation.box(extents=[edge] * 3).export(tmp_path / folder / f"in_{folder or 'scene'}.ply")
+        trimesh.creation.box(extents=[edge] * 3).export(tmp_path / folder / "in_all.ply")
+    files = ("in_all", "in_scene", "in_a", "in_b")
+    shapes = [f'<shape type="ply"><string name="filename" value="{file}.ply"/></shape>' for file in files]
+    scene = read_mitsuba(xml(tmp_path, f'{"".join(shapes)}<path value="a"/><path value="b"/>'))
+    assert [float(np.ptp(item.vertices[:, 0])) for item in scene.objects] == [3.0, 1.0, 2.0, 3.0]
+
+
 def test_unsupported_shapes_and_bad_triangles_are_counted(tmp_path: Path) -> None:
     (tmp_path / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv nan 0 0\nv 2 0 0\nf 1 2 3\nf 1 2 4\nf 1 2 5\n")
     body = """<shape type="hair" id="h"/><shape type="bsplinecurve" id="i"/><shape type="hair" id="j"/>

@@ -91,7 +91,7 @@ def _mesh(shape: Shape, known: dict[tuple[str, str], Mesh], notes: Notes) -> Mes
     if (shape.kind, file) not in known:
         if file:
             source = f"{shape.path}, shape {shape.name!r}"
-            known[shape.kind, file] = load_mesh(shape.path.parent / file, source, notes)
+            known[shape.kind, file] = load_mesh(shape.file(file), source, notes)
         elif shape.kind in FIXED:
             known[shape.kind, file] = FIXED[shape.kind]()
     return known.get((shape.kind, file))
@@ -135,6 +135,7 @@ class Shape:
     :param kind: the plugin, e.g. ``"ply"``
     :param to_world: [4, 4] acting on column vectors
     :param properties: name to (XML tag, attributes)
+    :param folders: where files are looked for before the scene's own folder
     """
 
     path: Path
@@ -143,6 +144,7 @@ class Shape:
     bsdf: Bsdf
     to_world: NDArray[np.float64]
     properties: dict[str, tuple[str, dict[str, str]]]
+    folders: tuple[Path, ...] = ()
 
     def error(self, problem: str, expected: str) -> InputError:
         return InputError(self.path, f"shape {self.name!r}: {problem}", expected)
@@ -167,6 +169,10 @@ class Shape:
         if not text:
             raise self.error(f"no {key}", "a <string> with a value")
         return text
+
+    def file(self, name: str) -> Path:
+        own = self.path.parent / name
+        return next((folder / name for folder in self.folders if (folder / name).is_file()), own)
 
     def _value(self, key: str, tags: tuple[str, ...], expected: str) -> dict[str, str]:
         """The attributes of a property; none where it is not there."""
@@ -205,7 +211,9 @@ def read_shapes(path: Path) -> list[Shape]:
             raise InputError(path, f"id {name!r} is used twice", "a unique id for every object")
         objects[name] = element
     tops = [element for element in elements if element.tag == "shape"]
-    return [_shape(path, element, number, objects, aliases) for number, element in enumerate(tops, start=1)]
+    folders = tuple(path.parent / top.get("value", "") for top in reversed(elements) if top.tag == "path")
+    shapes = [_shape(path, element, number, objects, aliases) for number, element in enumerate(tops, start=1)]
+    return [replace(shape, folders=folders) for shape in shapes]
 
 
 def _elements(path: Path, scene: Path, parameters: dict[str, str], depth: int) -> Iterator[ElementTree.Element]:
