@@ -14,12 +14,10 @@ from typing import Annotated
 
 import matplotlib
 import typer
-from ego_motion import judged_frames, row, scored
+from answers import judged_frames, print_row, scores, untrained
 
-from trainer.data.arrays import choose_array
-from trainer.metrics.bootstrap import Interval, bootstrap_mean
-from trainer.metrics.cells import average_precision
-from trainer.run.answers import Answer, array_answer, network_answer
+from trainer.metrics.bootstrap import Interval
+from trainer.run.answers import Answer, network_answer
 from trainer.run.folder import Start, load_imager, read_run
 
 matplotlib.use("Agg")
@@ -52,12 +50,11 @@ def main(
     frames, radar = judged_frames(dataset)
 
     def score(name: str, answer: Answer) -> tuple[Interval, Interval]:
-        ranking, errors = scored(answer, frames, radar)
-        found = average_precision(ranking), bootstrap_mean(errors)
-        row(array, name, *found)
+        found = scores(answer, frames, radar).intervals()
+        print_row(array, name, found)
         return found
 
-    levels = {of: score(f"{of}, {UNTRAINED}", array_answer(UNTRAINED, choose_array(of, radar), radar))
+    levels = {of: score(f"{of}, {UNTRAINED}", untrained([UNTRAINED], of, radar)[UNTRAINED])
               for of in (array, "full")}  # fmt: skip
     own = {folder: Start.of(folder).sha256 for folder in runs}
     begun_with = {run.start.sha256 for folder in runs if (run := read_run(folder)).start is not None}
@@ -68,8 +65,8 @@ def main(
         used = sum(source.frames["train"] for source in run.datasets)
         steps = run.config.steps + (steps_to[run.start.sha256] if run.start is not None else 0)
         steps_to[own[folder]] = steps
-        scores = score(f"{steps} steps, the last {run.config.steps} on {used} frames", network_answer(run, imager))
-        points.append(Point(used, steps, run.start is not None or own[folder] in begun_with, scores))
+        found = score(f"{steps} steps, the last {run.config.steps} on {used} frames", network_answer(run, imager))
+        points.append(Point(used, steps, run.start is not None or own[folder] in begun_with, found))
     draw(points, levels, out)
 
 
