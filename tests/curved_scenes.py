@@ -6,12 +6,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import fresnel
 from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, mesh, scene_of, slab_reflection
+from sionna_scenes import traced as trace_of
 
-from datafactory.paths.rays import RayFan
-from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import PathTable
-from datafactory.paths.trace import trace
-from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import SceneObject
 
 Real = NDArray[np.float64]
@@ -131,7 +128,6 @@ def torus(radius: float, tube_radius: float, segments: int, rings: int) -> Mesh:
     return grid(np.stack([out * np.cos(around), out * np.sin(around), tube_radius * np.sin(across)], axis=-1))
 
 
-HOME = Pose((0.0, 0.0, 0.0))
 WAVENUMBER = 2.0 * np.pi / WAVELENGTH_M
 METAL, GLASS = (
     slab_reflection(*slab, FREQUENCY_HZ, np.ones(1))[0][0] for slab in ((1.0, 1e7, 0.1), (6.31, 1.211, 0.006))
@@ -150,9 +146,8 @@ def body(
     return mesh("body", vertices + np.asarray(centre, dtype=float), of[1], material, velocity)
 
 
-def traced(*objects: SceneObject, pose: Pose = HOME, **settings) -> PathTable:
-    chosen = TraceSettings(**{"rays": 2000, "depth": 1, "diffuse": False, **settings})
-    return trace(scene_of(*objects), pose, FREQUENCY_HZ, chosen, RayFan(chosen.rays), 1)
+def traced(*objects: SceneObject, **settings) -> PathTable:
+    return trace_of(scene_of(*objects), **{"rays": 2000, "depth": 1, "diffuse": False, **settings})
 
 
 def amplitudes(table: PathTable) -> NDArray[np.complex128]:

@@ -1,19 +1,16 @@
 """Targets over mirrors: the ground, what it reflects, a point, and one trace of them."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, mapping, material
+from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, mapping, material, scene_of, traced
 
-from datafactory.paths.merged_scene import merge_scene
-from datafactory.paths.rays import RayFan
-from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import TARGET, PathTable, ScatteredPaths
-from datafactory.paths.trace import trace
 from datafactory.scenes.materials.table import Material, load_materials
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import PointTarget, Scene, SceneObject
+from datafactory.scenes.scene import PointTarget, SceneObject
 
 ASPHALT = load_materials().materials["asphalt"]
 METAL = material("mirror", 1.0, 1e7, 0.1)
@@ -39,12 +36,11 @@ def point(position: Sequence[float], velocity: Sequence[float] = (0.0, 0.0, 0.0)
 
 
 def echoes(
-    objects: Sequence[SceneObject], targets: Sequence[PointTarget], pose: Pose, **settings: object
+    objects: Sequence[SceneObject], targets: Sequence[PointTarget], pose: Pose, **settings: Any
 ) -> tuple[ScatteredPaths, PathTable]:
     """The targets' paths, and the whole table."""
-    merged = merge_scene(Scene("test", tuple(objects), tuple(targets)), MATERIALS)
-    chosen = TraceSettings(**{"rays": 100, "depth": 2, "diffuse": False, **settings})  # type: ignore[arg-type]
-    table = trace(merged, pose, FREQUENCY_HZ, chosen, RayFan(100), 1)
+    merged = scene_of(*objects, targets=targets, materials=MATERIALS)
+    table = traced(merged, pose, **{"rays": 100, "depth": 2, "diffuse": False, **settings})
     return table.scattered.take(table.scattered.kinds & TARGET > 0), table
 
 

@@ -1,6 +1,6 @@
 """Small Sionna scenes for tests that hold our physics against Sionna's own, its geometry, and one slab's numbers."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -8,15 +8,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from datafactory.paths.geometry import placed
 from datafactory.paths.merged_scene import MergedScene, merge_scene
+from datafactory.paths.rays import RayFan
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import TraceSettings
+from datafactory.paths.table import PathTable
+from datafactory.paths.trace import trace
 from datafactory.paths.view import View
 from datafactory.scenes.chain import Chain, Operation, Samples
 from datafactory.scenes.chain import placed as put
 from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.motion import Moving
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import Scene, SceneObject
+from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from shared.physics.units import SPEED_OF_LIGHT
 
 FREQUENCY_HZ = 77.5e9
@@ -79,8 +82,18 @@ def every_one(source: Any) -> Any:
     return source.seen(np.ones(len(source.candidates), dtype=bool))
 
 
-def scene_of(*objects: SceneObject) -> MergedScene:
-    return merge_scene(Scene("test", objects), MATERIALS)
+def scene_of(
+    *objects: SceneObject, targets: Sequence[PointTarget] = (), materials: MaterialMapping = MATERIALS
+) -> MergedScene:
+    return merge_scene(Scene("test", objects, tuple(targets)), materials)
+
+
+def traced(
+    of: MergedScene, pose: Pose = AT_ORIGIN, fan: RayFan | None = None, seed: int = 1, **settings: Any
+) -> PathTable:
+    """One trace of the settings' rays; in a plain fan where none is given."""
+    chosen = TraceSettings(**settings)
+    return trace(of, pose, FREQUENCY_HZ, chosen, fan or RayFan(chosen.rays), seed)
 
 
 def sionna_scene(of: MergedScene, pose: Pose | None = None) -> Any:

@@ -3,18 +3,19 @@
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from oracles import if_cube, relative_error
-from sionna_scenes import mapping, material, plate
+from sionna_scenes import AT_ORIGIN, mapping, material, plate, scene_of
+from sionna_scenes import traced as trace_of
 
 from datafactory.frame.measurement import Processing, image, measure
-from datafactory.paths.rays import RayFan
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
-from datafactory.scenes.scene import Scene, SceneObject
+from datafactory.scenes.scene import SceneObject
 from datafactory.synthesis.cube import cube_of_paths
 from shared.dataset import Frame
 from shared.radar import FrontEnd, ImageGrid, Radar
@@ -90,21 +91,9 @@ def wall_ahead(distance_m: float = 10.0, material: str = MIRROR, name: str = "wa
     return rectangle(name, (distance_m, 0.0, 0.0), (0.0, 30.0, 0.0), (0.0, 0.0, 30.0), material)
 
 
-def traced(
-    objects: Sequence[SceneObject],
-    pose: Pose = Pose((0.0, 0.0, 0.0)),
-    rays: int = 20_000,
-    depth: int = 1,
-    fan: RayFan | None = None,
-) -> PathTable:
+def traced(objects: Sequence[SceneObject], pose: Pose = AT_ORIGIN, **settings: Any) -> PathTable:
     """The multipath of objects of :data:`MATERIALS` as traced: amplitudes not yet illuminated."""
-    from datafactory.paths.merged_scene import merge_scene
-    from datafactory.paths.solver import TraceSettings
-    from datafactory.paths.trace import trace
-
-    merged = merge_scene(Scene("hard", tuple(objects)), MATERIALS)
-    settings = TraceSettings(rays=rays, depth=depth)
-    return trace(merged, pose, 77.5e9, settings, fan or RayFan(rays), seed=1)
+    return trace_of(scene_of(*objects, materials=MATERIALS), pose, **{"rays": 20_000, "depth": 1, **settings})
 
 
 def stage(

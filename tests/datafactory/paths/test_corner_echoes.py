@@ -18,15 +18,13 @@ from corner_scenes import (
     reference_echo,
 )
 from numpy.typing import NDArray
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, everything, scene_of, slab_reflection
+from sionna_scenes import AT_ORIGIN, FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, everything, scene_of, slab_reflection
+from sionna_scenes import traced as trace_of
 from town_scenes import box
 
 from datafactory.paths import corner_echoes
 from datafactory.paths.corner_aperture import Apertures
-from datafactory.paths.rays import RayFan
-from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import CORNER, SPECULAR, PathTable
-from datafactory.paths.trace import trace
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import SceneObject
 
@@ -204,13 +202,9 @@ def test_a_leg_behind_a_hidden_one_is_not_looked_at_and_nothing_else_changes(ape
 
 pytestmark = pytest.mark.usefixtures("variant")
 
-HERE = Pose((0.0, 0.0, 0.0))
-RAYS = 20_000
 
-
-def traced(*objects, pose: Pose = HERE, corners: bool = True, depth: int = 2) -> PathTable:
-    settings = TraceSettings(rays=RAYS, depth=depth, diffuse=False, corners=corners)
-    return trace(scene_of(*objects), pose, FREQUENCY_HZ, settings, RayFan(RAYS), seed=1)
+def traced(*objects, pose: Pose = AT_ORIGIN, corners: bool = True, depth: int = 2) -> PathTable:
+    return trace_of(scene_of(*objects), pose, rays=20_000, depth=depth, diffuse=False, corners=corners)
 
 
 def of_corners(table: PathTable) -> PathTable:
@@ -234,7 +228,9 @@ def test_a_box_before_it_hides_it():
     assert table.counts["corners_hidden"] >= 1
 
 
-@pytest.mark.parametrize("pose", [HERE, Pose((0.0, 3.0, 0.5), yaw_deg=-10.0), Pose((0.0, -6.0, 3.5), yaw_deg=20.0)])
+@pytest.mark.parametrize(
+    "pose", [AT_ORIGIN, Pose((0.0, 3.0, 0.5), yaw_deg=-10.0), Pose((0.0, -6.0, 3.5), yaw_deg=20.0)]
+)
 def test_convex_edges_add_nothing(pose):
     table = of_corners(traced(box("house", (15.0, -3.0, -1.0), (22.0, 4.0, 2.0), "metal"), pose=pose))
     assert len(table) == 0

@@ -2,12 +2,14 @@
 
 import pickle
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from prepared_scenes import EFFECT_SCENES, prepared_scene
-from sionna_scenes import FREQUENCY_HZ, mapping, material, plate, scene_of, sionna_scene, turning
+from sionna_scenes import mapping, material, plate, scene_of, sionna_scene, slabs, turning
+from sionna_scenes import traced as trace_of
 from town_scenes import box
 
 from datafactory.paths import geometry as geometry_module
@@ -19,15 +21,14 @@ from datafactory.paths.corners import corners_of, points_of
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.edges import edges_of
 from datafactory.paths.geometry import Geometry, aligned_rows, first_hits, mesh_of_shape
-from datafactory.paths.merged_scene import MergedScene, merge_scene
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.rays import UNIFORM_IN_U, RayFan, _azimuth_at
-from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import Bundle, TraceSettings
 from datafactory.paths.table import PathTable
 from datafactory.paths.trace import find_shapes
 from datafactory.paths.view import View, Waves
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import Scene, SceneObject
+from datafactory.scenes.scene import SceneObject
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -150,10 +151,9 @@ POLE = plate("pole", (17.0, 2.0, 1.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.9), "concre
 
 
 def seen(*objects: SceneObject) -> View:
-    merged = merge_scene(Scene("test", objects), MATERIALS)
-    slabs = Slabs(merged.slabs, FREQUENCY_HZ)
+    merged = scene_of(*objects, materials=MATERIALS)
     settings = TraceSettings(depth=1, paths_a_cell=0)
-    return View(Geometry(merged).place(merged, POSE).mi_scene, merged, slabs, POSE, settings)
+    return View(Geometry(merged).place(merged, POSE).mi_scene, merged, slabs(merged), POSE, settings)
 
 
 def echoes(view: View, fan: RayFan) -> Bundle:
@@ -229,20 +229,21 @@ def test_a_short_leg_ends_on_its_plane() -> None:
 POSES = tuple(
     Pose((0.4 * n, 0.1 * n, 0.2), yaw_deg=5.0 * n, velocity=(2.0, 0.0, 0.0), time_s=0.1 * n) for n in range(3)
 )
-SETTINGS = TraceSettings(rays=3_000, depth=2, refraction=True, diffraction=True, corners=True)
 
 
 def scene() -> MergedScene:
     """What stands, what drives and what turns."""
-    return merge_scene(Scene("test", (
+    return scene_of(
         turning(box("car", (7.0, -2.0, -1.0), (9.0, 2.0, 1.0), "metal")),
         box("house", (20.0, -9.0, -1.0), (25.0, 9.0, 8.0), "concrete"),
         plate("ground", (15.0, 0.0, -1.5), (15.0, 0.0, 0.0), (0.0, 12.0, 0.0), "concrete"),
-    )), MATERIALS)  # fmt: skip
+        materials=MATERIALS,
+    )
 
 
-def traced(merged: MergedScene, pose: Pose) -> PathTable:
-    return trace_module.trace(merged, pose, FREQUENCY_HZ, SETTINGS, RayFan(SETTINGS.rays), 1)
+def traced(merged: MergedScene, pose: Pose, **settings: Any) -> PathTable:
+    every: dict[str, Any] = {"rays": 3_000, "depth": 2, "refraction": True, "diffraction": True, "corners": True}
+    return trace_of(merged, pose, **{**every, **settings})
 
 
 def same(one: PathTable, other: PathTable) -> None:
@@ -277,9 +278,7 @@ def test_a_frame_without_chains_makes_no_scene_of_sionnas(monkeypatch):
         raise AssertionError("called")
 
     monkeypatch.setattr(trace_module, "radio_scene", never)
-    settings = TraceSettings(rays=1_000, depth=1, refraction=True, diffraction=True, corners=True)
-    table = trace_module.trace(scene(), POSES[0], FREQUENCY_HZ, settings, RayFan(1_000), 1)
-    assert len(table.scattered) > 300
+    assert len(traced(scene(), POSES[0], rays=1_000, depth=1).scattered) > 300
 
 
 def test_shapes_are_named_by_their_meshes():

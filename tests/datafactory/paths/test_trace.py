@@ -5,25 +5,21 @@ from dataclasses import fields
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, mapping, material, plate, scene_of
+from sionna_scenes import AT_ORIGIN, FREQUENCY_HZ, WAVELENGTH_M, mapping, material, plate, scene_of, slabs
+from sionna_scenes import traced as trace_of
 
 from datafactory.paths import solver as solver_module
 from datafactory.paths.geometry import placed
-from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.rays import RayFan
-from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import LEAST_SOLVER_RAYS, TraceSettings
 from datafactory.paths.table import REFRACTED, PathTable
-from datafactory.paths.trace import trace
-from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import Scene, SceneObject
+from datafactory.scenes.scene import SceneObject
 from datafactory.synthesis.cube import cube_of_paths
 from shared.physics.units import power_to_db
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.radar.waveform import Waveform
 
-RADAR_AT_ORIGIN = Pose((0.0, 0.0, 0.0))
 SCATTERING = 0.6
 MATERIALS = mapping(
     material("mirror", 1.0, 1e7, 0.1),
@@ -42,27 +38,15 @@ def side_wall(of: str, name="side") -> SceneObject:
     return plate(name, (10.0, 6.0, 0.0), (10.0, 0.0, 0.0), (0.0, 0.0, 10.0), of)
 
 
-def traced(
-    *objects: SceneObject,
-    pose: Pose = RADAR_AT_ORIGIN,
-    fan: RayFan | None = None,
-    rays: int = 20_000,
-    seed: int = 1,
-    **settings,
-) -> PathTable:
-    merged = merge_scene(Scene("test", objects), MATERIALS)
-    chosen = TraceSettings(
-        rays=rays, **{"depth": 1, "paths_a_cell": 0, "solver_share": 1, "twice_share": 1, **settings}
-    )
-    return trace(merged, pose, FREQUENCY_HZ, chosen, fan or RayFan(rays), seed)
+def traced(*objects: SceneObject, **settings) -> PathTable:
+    whole = {"rays": 20_000, "depth": 1, "paths_a_cell": 0, "solver_share": 1, "twice_share": 1}
+    return trace_of(scene_of(*objects, materials=MATERIALS), **{**whole, **settings})
 
 
 def solved(*objects: SceneObject, fan: RayFan, rays: int, **settings):
     """The solver's own Paths of the same trace."""
-    merged = merge_scene(Scene("test", objects), MATERIALS)
-    chosen = TraceSettings(rays=rays, **settings)
-    slabs = Slabs(merged.slabs, FREQUENCY_HZ)
-    scene = solver_module.radio_scene(placed(merged, RADAR_AT_ORIGIN), slabs, chosen)
+    merged, chosen = scene_of(*objects, materials=MATERIALS), TraceSettings(rays=rays, **settings)
+    scene = solver_module.radio_scene(placed(merged, AT_ORIGIN), slabs(merged), chosen)
     return solver_module.solver_paths(scene, chosen, fan, 1)
 
 
@@ -230,8 +214,7 @@ def test_a_pane_in_a_chain_of_mirrors_reflects_the_same_whether_it_lets_waves_th
                          facing("mirror", half_m, pane, mirror, radar, "metal"))  # fmt: skip
         chains = []
         for refraction in (False, True):
-            settings = TraceSettings(rays=fan.count, depth=2, diffuse=False, refraction=refraction)
-            paths = trace(scene, Pose((0.0, 0.0, 0.0)), FREQUENCY_HZ, settings, fan, 1).specular
+            paths = trace_of(scene, rays=fan.count, depth=2, diffuse=False, refraction=refraction).specular
             chains.append(paths.take((paths.depth > 1) & (paths.kinds & REFRACTED == 0)))
         without, through = chains
         np.testing.assert_allclose(through.image, without.image, atol=1e-9)

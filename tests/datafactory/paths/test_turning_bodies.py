@@ -1,25 +1,25 @@
 """Unfolded mirrors, and bodies that turn: what paths say of motion against traces of two moments."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from curved_scenes import Mesh, sphere, tube
 from numpy.typing import NDArray
 from oracles import mirror_path, mirrored
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, TURN_DEG_PER_S, mesh, plate, scene_of, turning
+from sionna_scenes import MATERIALS, TURN_DEG_PER_S, mesh, plate, scene_of, turning
+from sionna_scenes import traced as trace_of
 from town_scenes import box
 
 from datafactory.paths.bodies import bodies_of
 from datafactory.paths.edges import edges_of
-from datafactory.paths.merged_scene import MergedScene, merge_scene
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.planes import Rim, planes_of
-from datafactory.paths.rays import RayFan
 from datafactory.paths.rows import image_seen_from_tx, tx_image_seen_from_rx
-from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import CORNER, PathTable
-from datafactory.paths.trace import trace
 from datafactory.scenes.motion import Track
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import Scene, SceneObject
+from datafactory.scenes.scene import SceneObject
 from shared.physics.vectors import unit
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -109,9 +109,8 @@ HOUSE = box("house", (20.0, -9.0, -1.0), (25.0, 9.0, 8.0), "metal")
 CAR = box("car", (7.0, -2.0, -1.0), (9.0, 2.0, 1.0), "metal")
 
 
-def traced(merged: MergedScene, pose: Pose, **settings: object) -> PathTable:
-    chosen = TraceSettings(rays=4_000, **{"depth": 1, "paths_a_cell": 0, "solver_share": 1, **settings})  # type: ignore[arg-type]
-    return trace(merged, pose, FREQUENCY_HZ, chosen, RayFan(4_000), 1)
+def traced(merged: MergedScene, pose: Pose, **settings: Any) -> PathTable:
+    return trace_of(merged, pose, **{"rays": 4_000, "depth": 1, "paths_a_cell": 0, "solver_share": 1, **settings})
 
 
 def later(pose: Pose, seconds: float = STEP_S) -> Pose:
@@ -147,9 +146,7 @@ def test_what_scatters_on_a_turning_body_moves_with_its_point() -> None:
     metal, source = rough["metal"]
     rough["metal"] = (type(metal)(**{**vars(metal), "scattering_coefficient": 0.6}), source)
     materials = type(MATERIALS)(entries=rough, unknown=())
-    merged = merge_scene(Scene("test", (turning(CAR),)), materials)
-    chosen = TraceSettings(rays=4_000, depth=1, paths_a_cell=0, solver_share=1, specular=False)
-    paths = trace(merged, POSE, FREQUENCY_HZ, chosen, RayFan(4_000), 1).scattered
+    paths = traced(scene_of(turning(CAR), materials=materials), POSE, specular=False).scattered
     assert len(paths) > 100
     hub = np.array([8.0 + 3.0 * POSE.time_s, 0.0, 0.0])
     spin = np.array([0.0, 0.0, np.radians(TURN_DEG_PER_S)])

@@ -9,7 +9,6 @@ from edge_scenes import HOME, only_edge_at, shortest_over
 from numpy.typing import NDArray
 from oracles import path_length
 from sionna_scenes import (
-    MATERIALS,
     WAVELENGTH_M,
     every_one,
     everything,
@@ -28,13 +27,13 @@ from datafactory.paths.echo_points import EchoPoints
 from datafactory.paths.edges import edges_of
 from datafactory.paths.feet import NEAREST_M
 from datafactory.paths.geometry import clear_between
-from datafactory.paths.merged_scene import MergedScene, merge_scene
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import DIFFRACTED, TARGET, ScatteredPaths
 from datafactory.paths.targets import FAINTEST, TARGETS_AT_ONCE, TargetEchoes, echoes_round_corners
 from datafactory.paths.view import FADED, panes_between
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import PointTarget, Scene, SceneObject
+from datafactory.scenes.scene import PointTarget
 from datafactory.scenes.targets.bodies import Sphere
 from datafactory.scenes.targets.models import Pedestrian
 
@@ -229,10 +228,6 @@ def first_look(source: NDArray[np.float64], position: NDArray[np.float64]):
 DIRECT = TraceSettings(specular=False, diffraction=True)
 
 
-def merged(*targets: PointTarget, objects: tuple[SceneObject, ...]) -> MergedScene:
-    return merge_scene(Scene("test", objects, targets), MATERIALS)
-
-
 def walker(name: str, x: float, y: float = 0.0) -> PointTarget:
     model = Pedestrian(1.75)
     return PointTarget(name, (x, y, -1.0), model.nominal_rcs_dbsm, (0.0, 1.4, 0.0), model)
@@ -246,8 +241,8 @@ def echoes_of(scene: MergedScene) -> tuple[ScatteredPaths, dict[str, int]]:
 
 def test_far_targets_are_left_out_and_counted() -> None:
     behind = (plate("away", (-5.0, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.2), "metal"),)
-    both = merged(walker("far", 700.0), walker("near", 30.0), objects=behind)
-    alone = merged(walker("near", 30.0), objects=behind)
+    both = scene_of(*behind, targets=[walker("far", 700.0), walker("near", 30.0)])
+    alone = scene_of(*behind, targets=[walker("near", 30.0)])
     found = []
     for scene in (both, alone):
         found.append(echoes_of(scene))
@@ -272,7 +267,7 @@ def test_what_stands_at_the_sensor_is_left_out_and_counted(distance_m: float) ->
     ball = PointTarget("ball", (0.0, distance_m, 0.0), 0.0, model=Sphere(0.1))
     near = PointTarget("near", (1.1 * NEAREST_M, 0.0, 0.0), 10.0)
     wall = plate("wall", (0.0, 3.0, 0.0), (20.0, 0.0, 0.0), (0.0, 0.0, 4.0), "metal")
-    scene = merged(post, here, ball, near, objects=(wall,))
+    scene = scene_of(wall, targets=[post, here, ball, near])
     source = TargetEchoes(view_of(scene, HOME, TraceSettings()))
     echoes, _, counts = every_one(source)
     assert {scene.objects[index] for index in echoes.object_index} == {"post", "near"}
@@ -284,7 +279,7 @@ def test_what_stands_at_the_sensor_is_left_out_and_counted(distance_m: float) ->
 def test_what_hides_round_a_corner_is_not_looked_for_where_it_could_not_be_heard() -> None:
     wall = (plate("wall", (10.0, 0.0, 0.0), (0.0, 4.0, 0.0), (0.0, 0.0, 4.0), "metal"),)
     for x, looked_for in ((40.0, True), (400.0, False)):  # in plain sight both would be heard
-        scene = merged(walker("hidden", x), objects=wall)
+        scene = scene_of(*wall, targets=[walker("hidden", x)])
         _, counts = echoes_of(scene)
         assert counts["targets_faint"] == 0
         assert counts["point_targets_hidden"] == 16
@@ -296,7 +291,7 @@ def test_a_ray_ends_where_nothing_is_left_of_its_field() -> None:
         plate(f"wall{n}", (5.0 + n, 0.0, 0.0), (0.0, 4.0, 0.0), (0.0, 0.0, 4.0), "metal" if n == 1 else "glass")
         for n in range(4)
     )
-    scene = merged(objects=walls)
+    scene = scene_of(*walls)
     crossings = panes_between(view_of(scene, HOME), np.array([[5.5, 0.3, 0.0], [20.0, 0.3, 0.0]]))
     assert abs(crossings[0]) > 0.3
     assert abs(crossings[1]) < FADED < FAINTEST
