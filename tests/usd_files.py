@@ -1,6 +1,6 @@
 """Small USD stages as text, for the tests of the USD reader."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,8 +44,12 @@ SPLINE = """def Mesh "m" {
 
 def write_usda(folder: Path, body: str, metadata: str = METRES_Z_UP, name: str = "stage.usda") -> Path:
     path = folder / name
-    path.write_text(f"#usda 1.0\n(\n {metadata}\n)\n{body}\n", encoding="utf-8")
+    path.write_text(stage(body, metadata), encoding="utf-8")
     return path
+
+
+def stage(body: str, metadata: str = METRES_Z_UP) -> str:
+    return f"#usda 1.0\n(\n {metadata}\n)\n{body}\n"
 
 
 def read(folder: Path, body: str, metadata: str = METRES_Z_UP) -> Scene:
@@ -83,6 +87,20 @@ def ops(**operations: object) -> str:
 def cube(name: str) -> str:
     """A mesh of edge 2 about the origin."""
     return f'def Mesh "{name}" {{\n{CUBE}\n}}'
+
+
+def mesh(name: str, places: ArrayLike, faces: Sequence[Sequence[int]], material: str = "", more: str = "") -> str:
+    """A mesh of these places [V, 3], in the stage's unit, and faces, with other lines of its own."""
+    corners = ", ".join(f"({x!r}, {y!r}, {z!r})" for x, y, z in np.asarray(places, dtype=float).tolist())
+    return f"""def Mesh "{name}" {{
+  point3f[] points = [{corners}]
+  int[] faceVertexCounts = {[len(face) for face in faces]}
+  int[] faceVertexIndices = {[int(index) for face in faces for index in face]}
+  uniform token subdivisionScheme = "none"
+  {f'custom token radar:material = "{material}"' if material else ""}
+  {more}
+}}
+"""
 
 
 UPWARD = {"Z": (0, 1, 2), "Y": (0, 2, 1), "X": (2, 0, 1)}

@@ -16,43 +16,21 @@ from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+
+from usd_files import mesh, stage
+
 from datafactory.scenes.city.city import write_city
 from datafactory.scenes.city.rules import Style
 
-FIELD = """#usda 1.0
-(
-    metersPerUnit = 1
-    upAxis = "Z"
+HUT = (
+    (88, 88, 0), (94, 88, 0), (94, 93, 0), (88, 93, 0), (88, 88, 3), (94, 88, 3), (94, 93, 3), (88, 93, 3),
+)  # fmt: skip
+FIELD = stage(
+    mesh("Ground", [(-100, -100, 0), (100, -100, 0), (100, 100, 0), (-100, 100, 0)], [range(4)], "asphalt")
+    + mesh("Hut", HUT, [(4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)], "brick")
+    + mesh("Window", [(-92, -90, 0), (-90, -92, 0), (-90, -92, 2), (-92, -90, 2)], [range(4)], "glass")
 )
-
-def Mesh "Ground"
-{
-    custom token radar:material = "asphalt"
-    int[] faceVertexCounts = [4]
-    int[] faceVertexIndices = [0, 1, 2, 3]
-    point3f[] points = [(-100, -100, 0), (100, -100, 0), (100, 100, 0), (-100, 100, 0)]
-    uniform token subdivisionScheme = "none"
-}
-
-def Mesh "Hut"
-{
-    custom token radar:material = "brick"
-    int[] faceVertexCounts = [4, 4, 4, 4, 4]
-    int[] faceVertexIndices = [4, 5, 6, 7, 0, 1, 5, 4, 1, 2, 6, 5, 2, 3, 7, 6, 3, 0, 4, 7]
-    point3f[] points = [
-        (88, 88, 0), (94, 88, 0), (94, 93, 0), (88, 93, 0), (88, 88, 3), (94, 88, 3), (94, 93, 3), (88, 93, 3)]
-    uniform token subdivisionScheme = "none"
-}
-
-def Mesh "Window"
-{
-    custom token radar:material = "glass"
-    int[] faceVertexCounts = [4]
-    int[] faceVertexIndices = [0, 1, 2, 3]
-    point3f[] points = [(-92, -90, 0), (-90, -92, 0), (-90, -92, 2), (-92, -90, 2)]
-    uniform token subdivisionScheme = "none"
-}
-"""
 """An open field of 200 m with a hut and a window in two corners."""
 
 WRITTEN: dict[str, Callable[[Path], object]] = {

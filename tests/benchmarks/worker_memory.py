@@ -12,6 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+
+from usd_files import mesh, stage
+
 from datafactory.api.asking import order_of
 from datafactory.api.options import OrderOptions
 from datafactory.run.preparation import prepare
@@ -77,29 +81,16 @@ def instances() -> str:
     x, y = np.meshgrid(np.arange(side + 1) / side, np.arange(side + 1) / side, indexing="ij")
     points = np.stack([x, y, 0.05 * np.sin(7 * x) * np.cos(9 * y)], -1).reshape(-1, 3)
     corner = np.arange(side * side) // side * (side + 1) + np.arange(side * side) % side
-    indices = np.stack([corner, corner + side + 1, corner + side + 2, corner + 1], -1).ravel()
-    return f"""#usda 1.0
-(
-  metersPerUnit = 1
-  upAxis = "Z"
-)
-def Mesh "ground" {{
-  point3f[] points = [(-50,-50,-1), (400,-50,-1), (400,400,-1), (-50,400,-1)]
-  int[] faceVertexCounts = [4]
-  int[] faceVertexIndices = [0, 1, 2, 3]
-}}
+    quads = np.stack([corner, corner + side + 1, corner + side + 2, corner + 1], -1)
+    ground = mesh("ground", [(-50, -50, -1), (400, -50, -1), (400, 400, -1), (-50, 400, -1)], [range(4)])
+    places = [(i % 100 * 3, i // 100 * 3, 0) for i in range(count)]
+    return stage(f"""{ground}
 def PointInstancer "many" {{
   rel prototypes = </many/one>
-  int[] protoIndices = [{", ".join(["0"] * count)}]
-  point3f[] positions = [{", ".join(f"({i % 100 * 3}, {i // 100 * 3}, 0)" for i in range(count))}]
-  def Mesh "one" {{
-    point3f[] points = [{", ".join(f"({a:.5f},{b:.5f},{c:.5f})" for a, b, c in points)}]
-    int[] faceVertexCounts = [{", ".join(["4"] * (side * side))}]
-    int[] faceVertexIndices = [{", ".join(map(str, indices))}]
-    uniform token subdivisionScheme = "none"
-  }}
-}}
-"""
+  int[] protoIndices = {[0] * count}
+  point3f[] positions = {places}
+  {mesh("one", points, quads.tolist())}
+}}""")
 
 
 def measured(case: Case, folder: Path) -> tuple[float, float]:

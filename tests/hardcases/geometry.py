@@ -20,7 +20,7 @@ from hardcases.tools import (
     read_back,
     rectangle,
     small_radar,
-    stage,
+    stage_of,
     traced,
     wall_ahead,
 )
@@ -166,7 +166,7 @@ def _utm_command() -> float:
     with tempfile.TemporaryDirectory() as name:
         scene = Path(name) / "utm.usda"
         meshes = {item.name: (item.vertices, item.triangles) for item in (ground, house)}
-        scene.write_text(stage(meshes, offset=UTM), encoding="utf-8")
+        scene.write_text(stage_of(meshes, offset=UTM), encoding="utf-8")
         few = ("--radar", write_small_radar(Path(name)), "--frames", 1, "--rays", 2000, "--workers", 1)
         done = CliRunner().invoke(app, [*map(str, ("render", scene, *few, "--out", Path(name) / "data"))])
     return float(done.exit_code) if not done.stderr.strip() else np.inf

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from oracles import if_cube, relative_error
 from sionna_scenes import AT_ORIGIN, mapping, material, plate, scene_of
 from sionna_scenes import traced as trace_of
+from usd_files import mesh, stage, translated
 
 from datafactory.frame.measurement import Processing, image, measure
 from datafactory.paths.table import PathTable, ScatteredPaths
@@ -96,31 +97,22 @@ def traced(objects: Sequence[SceneObject], pose: Pose = AT_ORIGIN, **settings: A
     return trace_of(scene_of(*objects, materials=MATERIALS), pose, **{"rays": 20_000, "depth": 1, **settings})
 
 
-def stage(
+def stage_of(
     meshes: Mapping[str, tuple[NDArray, NDArray]], metres: float = 1.0, offset: ArrayLike = (0.0, 0.0, 0.0)
 ) -> str:
     """A USD layer of named meshes (vertices [V, 3] m, triangles [T, 3]) in units of ``metres``, moved by [3] m."""
-    layer = f'#usda 1.0\n(\n  metersPerUnit = {metres}\n  upAxis = "Z"\n)\n'
-    place = ", ".join(repr(float(value) / metres) for value in np.asarray(offset))
-    for name, (vertices, triangles) in meshes.items():
-        corners = ", ".join(f"({x!r}, {y!r}, {z!r})" for x, y, z in (vertices / metres).tolist())
-        layer += f"""def Mesh "{name}" {{
-  point3f[] points = [{corners}]
-  int[] faceVertexCounts = [{", ".join(["3"] * len(triangles))}]
-  int[] faceVertexIndices = [{", ".join(map(str, triangles.reshape(-1).tolist()))}]
-  uniform token subdivisionScheme = "none"
-  double3 xformOp:translate = ({place})
-  uniform token[] xformOpOrder = ["xformOp:translate"]
-}}
-"""
-    return layer
+    place = translated(*(np.asarray(offset) / metres).tolist())
+    body = "".join(
+        mesh(name, vertices / metres, faces.tolist(), more=place) for name, (vertices, faces) in meshes.items()
+    )
+    return stage(body, f'metersPerUnit = {metres}\n upAxis = "Z"')
 
 
 def read_back(
     meshes: Mapping[str, tuple[NDArray, NDArray]], metres: float, offset: ArrayLike = (0.0, 0.0, 0.0)
 ) -> tuple[SceneObject, ...]:
-    """The objects of such a :func:`stage`, written and read."""
+    """The objects of such a :func:`stage_of`, written and read."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "stage.usda"
-        path.write_text(stage(meshes, metres, offset), encoding="utf-8")
+        path.write_text(stage_of(meshes, metres, offset), encoding="utf-8")
         return open_scene(str(path)).objects

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from prepared_scenes import prepared_scene
+from usd_files import mesh, write_usda
 
 from datafactory.accuracy import proof
 from datafactory.defaults import DEFAULT_BUDGET_DB
@@ -103,13 +104,11 @@ def a_frame() -> tuple[DealtFrame, PreparedScene]:
 
 pytestmark = pytest.mark.usefixtures("variant")
 
-SHEET = """def Mesh "sheet" {{
-    custom token radar:material = "metal"
-    point3f[] points = [({near}, -3, 0), ({far}, -3, 0), ({far}, 3, 0), ({near}, 3, 0)]
-    int[] faceVertexCounts = [4]
-    int[] faceVertexIndices = [0, 1, 2, 3]
-}}
-"""
+
+def sheet(near: float, far: float) -> str:
+    return mesh("sheet", [(near, -3, 0), (far, -3, 0), (far, 3, 0), (near, 3, 0)], [range(4)], "metal")
+
+
 POST = """def Xform "post" {
     custom double radar:rcs_dbsm = 5
     double3 xformOp:translate = (30, 0, 0.7)
@@ -120,9 +119,7 @@ POSE = Pose((0.0, 0.0, 0.5))
 
 
 def scene(tmp_path: Path, *prims: str) -> PreparedScene:
-    path = tmp_path / "scene.usda"
-    path.write_text('#usda 1.0\n(\n metersPerUnit = 1\n upAxis = "Z"\n)\n' + "".join(prims), encoding="utf-8")
-    return prepared_scene(path)
+    return prepared_scene(write_usda(tmp_path, "".join(prims)))
 
 
 def planned(prepared: PreparedScene) -> set[str]:
@@ -133,9 +130,9 @@ def planned(prepared: PreparedScene) -> set[str]:
 
 def test_a_bounce_is_planned_where_there_is_one(tmp_path: Path) -> None:
     """The wave is reflected at 12.5 m: on the sheet that is there, beside the one that ends before."""
-    below = planned(scene(tmp_path, POST, SHEET.format(near=9, far=20)))
+    below = planned(scene(tmp_path, POST, sheet(near=9, far=20)))
     assert {"rcs_targets", "multi_bounce", "specular"} <= below
-    before = planned(scene(tmp_path, POST, SHEET.format(near=2, far=11)))
+    before = planned(scene(tmp_path, POST, sheet(near=2, far=11)))
     assert "rcs_targets" in before
     assert "multi_bounce" not in before
 

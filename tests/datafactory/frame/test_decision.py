@@ -8,6 +8,7 @@ import pytest
 from oracles import delays
 from path_tables import a_table
 from prepared_scenes import prepared_scene
+from usd_files import translated, write_usda
 
 from datafactory import load_radar, render
 from datafactory.effects.catalogue import ALL, NAMES, NO_CHOICE, PATH_EFFECTS, SIGNAL_EFFECTS, EffectSet
@@ -209,18 +210,11 @@ def test_one_chirp_shows_the_motion_within_it(speed_mps: float, share: float, mo
     assert doppler_called_for(paths, radar, WINDOW, 0.0)
 
 
-APPROACHING = """#usda 1.0
-(
-    metersPerUnit = 1
-    upAxis = "Z"
-)
-def Xform "Target" {
+APPROACHING = f"""def Xform "Target" {{
     custom float radar:rcs_dbsm = 10
     custom double3 radar:velocity = (-50, 0, 0)
-    double3 xformOp:translate = (15, 1, 0)
-    uniform token[] xformOpOrder = ["xformOp:translate"]
-}
-"""
+    {translated(15, 1, 0)}
+}}"""
 
 
 @pytest.mark.usefixtures("variant")
@@ -230,9 +224,8 @@ def test_an_echo_is_displaced_by_its_motion_within_a_chirp(
     tmp_path: Path, chirps: int, budget_db: float | None
 ) -> None:
     """By 2 v T_c / lambda bins towards the sensor, 2.1 at 50 m/s, in input and truth; one chirp tells no velocity."""
-    (tmp_path / "target.usda").write_text(APPROACHING, encoding="utf-8")
     waveform = WAVEFORM.model_copy(update={"chirps": chirps, "range_bins": 128})
-    radar, scene = RADAR.model_copy(update={"waveform": waveform}), prepared_scene(tmp_path / "target.usda")
+    radar, scene = RADAR.model_copy(update={"waveform": waveform}), prepared_scene(write_usda(tmp_path, APPROACHING))
     place = waveform.mid_frame_s * -50.0 + np.hypot(15.0, 1.0)
     bins = 2.0 * 50.0 * waveform.chirp_duration_s / waveform.wavelength_m
     frame = Deal(scenes=1, poses=(Pose((0.0, 0.0, 0.0)),)).frame(0)

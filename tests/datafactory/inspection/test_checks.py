@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from factory_command import run
 from typer.testing import CliRunner
-from usd_files import CUBE, METRES_Z_UP, cube, ops, read, translated, write_usda
+from usd_files import CUBE, METRES_Z_UP, cube, mesh, ops, read, translated, write_usda
 
 from datafactory.cli.app import app
 from datafactory.inspection import doctor
@@ -20,22 +20,13 @@ from datafactory.scenes.readers.common import sphere
 from datafactory.scenes.readers.open import named_scenes
 from shared.physics.errors import InputError
 
-BODY = f"""def Mesh "street" {{
-  point3f[] points = [(-60,-60,0),(60,-60,0),(60,60,0),(-60,60,0)]
-  int[] faceVertexCounts = [4]
-  int[] faceVertexIndices = [0, 1, 2, 3]
-  custom token radar:material = "asphalt"
-}}
+STREET = mesh("street", [(-60, -60, 0), (60, -60, 0), (60, 60, 0), (-60, 60, 0)], [range(4)], "asphalt")
+BENT = mesh("bent", [(5, 5, 0), (6, 5, 0), (6, 6, 0), (6, 6, 0)], [(0, 1, 2), (1, 2, 3)], "glass")
+BODY = f"""{STREET}{BENT}
 def Mesh "box" {{
   {CUBE}
   custom token radar:material = "mithril"
   {translated(20, 0, 1)}
-}}
-def Mesh "bent" {{
-  point3f[] points = [(5,5,0), (6,5,0), (6,6,0), (6,6,0)]
-  int[] faceVertexCounts = [3, 3]
-  int[] faceVertexIndices = [0, 1, 2, 1, 2, 3]
-  custom token radar:material = "glass"
 }}
 def Mesh "wheel" {{
   {CUBE}
