@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from oracles import receiver_noise
+from small_radar import write_radar
 
 from shared.dataset.reading import radar_of
 from shared.physics.units import dbm_to_watt
@@ -152,12 +153,6 @@ def test_every_imperfection_is_applied_in_order_and_reproducibly(small_radar):
 # In a radar's file
 
 
-def radar_file(tmp_path, text: str) -> Radar:
-    path = tmp_path / "radar.toml"
-    path.write_text(text, encoding="utf-8")
-    return load_radar(str(path))
-
-
 FULL = """[front_end]
 tx_polarization = "V"
 rx_polarization = "H"
@@ -170,7 +165,7 @@ full_scale_dbm = -30
 
 
 def test_the_front_end_is_read_and_comes_back_from_the_metadata(tmp_path):
-    radar = radar_file(tmp_path, FULL)
+    radar = load_radar(write_radar(tmp_path, FULL))
     assert radar.front_end.cross_polarized
     assert radar.front_end.phase_noise == PhaseNoise(level_dbc_per_hz=-95.0, loop_bandwidth_hz=300e3)
     assert radar.front_end.converter == Converter(bits=12, full_scale_dbm=-30.0)

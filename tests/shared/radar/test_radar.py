@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 from raw_files import CFG
+from small_radar import refusal, write_radar
 
 from shared.physics.errors import InputError
 from shared.physics.units import SPEED_OF_LIGHT
@@ -103,21 +104,17 @@ def test_metadata_is_json_and_holds_the_axes():
 
 
 def test_the_virtual_sensor_follows_the_carrier(tmp_path):
-    path = tmp_path / "short.toml"
-    path.write_text("[waveform]\ncarrier_hz = 60e9\n", encoding="utf-8")
-    radar = load_radar(str(path))
+    radar = load_radar(write_radar(tmp_path, "[waveform]\ncarrier_hz = 60e9\n"))
     assert radar.virtual_sensor == virtual_sensor_256(60e9)
 
 
 def test_a_toml_file_states_what_differs(tmp_path):
-    path = tmp_path / "my-radar.toml"
-    path.write_text(
+    text = (
         '[waveform]\nchirps = 64\nmultiplexing = "tdm"\n[front_end]\nnoise_figure_db = 9.5\n'
         '[front_end.rx_pattern]\nkind = "isotropic"\ngain_dbi = 2\n[grid]\nbins = 100\n'
-        "[array]\ntx_m = [[0, 0, 0]]\nrx_m = [[0, 0.01, 0], [0, 0.02, 0]]\n",
-        encoding="utf-8",
+        "[array]\ntx_m = [[0, 0, 0]]\nrx_m = [[0, 0.01, 0], [0, 0.02, 0]]\n"
     )
-    radar = load_radar(str(path))
+    radar = load_radar(write_radar(tmp_path, text, "my-radar.toml"))
     assert (radar.name, radar.waveform.chirps, radar.waveform.multiplexing) == ("my-radar", 64, "tdm")
     assert radar.waveform.samples == Waveform().samples
     assert radar.front_end.noise_figure_db == 9.5
@@ -138,11 +135,6 @@ def test_virtual_sensor():
     half_wavelength = 299_792_458.0 / 77e9 / 2.0
     np.testing.assert_allclose(array.rx[:, 1], (np.arange(256) - 127.5) * half_wavelength, rtol=1e-12)
     np.testing.assert_array_equal(array.tx, np.zeros((1, 3)))
-
-
-def file(folder: Path, text: str, name: str = "radar.toml") -> str:
-    (folder / name).write_text(text, encoding="utf-8")
-    return str(folder / name)
 
 
 @pytest.mark.parametrize(
@@ -199,13 +191,13 @@ def test_the_tx_of_an_own_array_take_the_turns_of_its_capture(tmp_path: Path, tx
         "start_frequency_hz = 77e9\nslope_hz_per_s = 3e13\nidle_time_s = 7e-6\nramp_end_time_s = 60e-6\n"
         f"samples = 128\nsample_rate_hz = 4e6\nchirps = 16\n{tx}\n"
     )
-    radar = load_radar(file(tmp_path, text))
+    radar = load_radar(write_radar(tmp_path, text))
     assert radar.waveform.chirp_interval_s == pytest.approx(interval_s, rel=1e-12)
     assert [y for _, y, _ in radar.array.tx_m] == list(tx_m)
 
 
 def test_a_mirrored_board_sees_the_other_side(tmp_path: Path) -> None:
-    plain, turned = load_radar("iwr1843"), load_radar(file(tmp_path, 'board = "iwr1843"\nmirror = true\n'))
+    plain, turned = load_radar("iwr1843"), load_radar(write_radar(tmp_path, 'board = "iwr1843"\nmirror = true\n'))
     np.testing.assert_array_equal(turned.array.virtual, plain.array.virtual * [1.0, -1.0, 1.0])
     assert turned.front_end == plain.front_end
     again = load_capture_radar(str(tmp_path / "radar.toml"), "iwr1843", mirror=True).radar
@@ -218,7 +210,7 @@ def test_sampling_that_begins_late_raises_the_carrier(tmp_path: Path) -> None:
         "adc_start_time_s = 7e-6\nramp_end_time_s = 60e-6\nsamples = 200\nsample_rate_hz = 4e6\nchirps = 32\n"
         "tx = [3, 1]\nrx = [1, 2, 4]\n[front_end]\nnoise_figure_db = 11.0\n"
     )
-    radar, board = load_radar(file(tmp_path, text)), load_radar("iwr1843")
+    radar, board = load_radar(write_radar(tmp_path, text)), load_radar("iwr1843")
     waveform = radar.waveform
     assert waveform.carrier_hz == pytest.approx(77e9 + 30e12 * 7e-6)
     assert waveform.bandwidth_hz == pytest.approx(30e12 * 50e-6)
@@ -231,8 +223,8 @@ def test_sampling_that_begins_late_raises_the_carrier(tmp_path: Path) -> None:
 
 
 def test_a_cfg_of_the_sdk_states_the_chirps(tmp_path: Path) -> None:
-    file(tmp_path, CFG, "profile.cfg")
-    radar = load_radar(file(tmp_path, 'board = "iwr1843"\ncapture = "profile.cfg"\n'))
+    write_radar(tmp_path, CFG, "profile.cfg")
+    radar = load_radar(write_radar(tmp_path, 'board = "iwr1843"\ncapture = "profile.cfg"\n'))
     waveform, board = radar.waveform, load_radar("iwr1843")
     assert waveform.carrier_hz == pytest.approx(77.12e9)
     assert waveform.bandwidth_hz == pytest.approx(20e12 * 256 / 5209e3)
@@ -295,18 +287,9 @@ REFUSED = [
 ]  # fmt: skip
 
 
-def refusal(path: Path, text: str) -> str:
-    """The line, which begins with the file's folder or with what the file names."""
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError) as caught:
-        load_radar(str(path))
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
-
-
 @pytest.mark.parametrize(("text", "parts"), [(text, parts) for text, *parts in REFUSED])
 def test_a_wrong_file_is_one_line(tmp_path: Path, text: str, parts: list[str]) -> None:
-    line = refusal(tmp_path / "radar.toml", text)
+    line = refusal(tmp_path, text)
     assert line.startswith(f"{tmp_path}/")
     assert [part for part in parts if part not in line] == []
 
@@ -336,7 +319,7 @@ def test_a_wrong_file_is_one_line(tmp_path: Path, text: str, parts: list[str]) -
 )
 def test_a_wrong_cfg_is_one_line(tmp_path: Path, old: str, new: str, message: str) -> None:
     (tmp_path / "profile.cfg").write_text(CFG.replace(old, new), encoding="utf-8")
-    assert message in refusal(tmp_path / "radar.toml", "board = 'iwr1843'\ncapture = 'profile.cfg'")
+    assert message in refusal(tmp_path, "board = 'iwr1843'\ncapture = 'profile.cfg'")
 
 
 def test_what_a_radar_does_not_allow_together_is_refused_where_it_is_built() -> None:
