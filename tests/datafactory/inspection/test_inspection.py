@@ -198,7 +198,7 @@ def test_verify_names_the_damaged_shard_and_exits_with_1(directory):
     shard.write_bytes(content)
     result = run(directory, "--verify", "--frames", 0)
     assert result.exit_code == 1
-    assert "train/part-00001.parquet: " in result.output
+    assert "train/part-00001.parquet: sha256 is " in result.output
     assert "train/part-00000.parquet" not in result.output
 
 

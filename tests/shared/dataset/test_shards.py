@@ -235,17 +235,6 @@ def test_a_dataset_is_read_split_by_split(tmp_path):
         next(dataset.frames("validation"))
 
 
-def test_verify_finds_one_flipped_bit_anywhere(tmp_path):
-    shard = make_dataset(tmp_path, SHARDS) / "train/part-00001.parquet"
-    content = shard.read_bytes()
-    for place in np.linspace(0, len(content) - 1, 9).astype(int):
-        damaged = bytearray(content)
-        damaged[place] ^= 1
-        shard.write_bytes(damaged)
-        (fault,) = verify(open_dataset(tmp_path))
-        assert fault.startswith("train/part-00001.parquet: sha256 is ")
-
-
 def test_a_truncated_or_missing_shard_is_named(tmp_path):
     shard = make_dataset(tmp_path, SHARDS) / "train/part-00001.parquet"
     size = shard.stat().st_size
