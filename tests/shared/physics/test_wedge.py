@@ -47,6 +47,16 @@ def total_field(n, source, observer, source_m, observer_m, reflection) -> comple
     return complex(field)
 
 
+def field_in_plane_wave(n: float, source: float, observer: np.ndarray, distance: float, reflection: float):
+    """The same where the source is far away and shines on the 0-face alone: L = rho."""
+    rays = WedgeGeometry(*np.broadcast_arrays(n, source, observer, np.inf, distance, 1.0))
+    travel = WAVENUMBER * distance
+    field = diffraction_coefficient(rays, WAVENUMBER, reflection, reflection) * np.exp(-1j * travel) / np.sqrt(distance)
+    field = field + np.where(np.abs(observer - source) < np.pi, np.exp(1j * travel * np.cos(observer - source)), 0.0)
+    mirror = reflection * np.exp(1j * travel * np.cos(observer + source))
+    return field + np.where(observer + source < np.pi, mirror, 0.0)
+
+
 @pytest.mark.parametrize("x", [1e-9, 1e-3, 0.3, 1.0, 5.0, 10.0, 1e2, 1e4])
 def test_the_transition_function_is_its_integral(x):
     root = mpmath.sqrt(x)
@@ -70,15 +80,7 @@ def test_a_half_plane_in_a_plane_wave_is_sommerfelds(reflection):
         return phase * np.exp(0.25j * np.pi) / np.sqrt(np.pi) * integral
 
     exact = half(observer - source) + reflection * half(observer + source)
-    rays = WedgeGeometry(
-        *np.broadcast_arrays(2.0, source, observer, np.inf, distance, 1.0)  # a plane wave: L = rho
-    )
-    phase = np.exp(-1j * WAVENUMBER * distance) / np.sqrt(distance)
-    field = diffraction_coefficient(rays, WAVENUMBER, reflection, reflection) * phase
-    travel = WAVENUMBER * distance
-    field = field + np.where(np.abs(observer - source) < np.pi, np.exp(1j * travel * np.cos(observer - source)), 0.0)
-    mirror = reflection * np.exp(1j * travel * np.cos(observer + source))
-    field = field + np.where(observer + source < np.pi, mirror, 0.0)
+    field = field_in_plane_wave(2.0, source, observer, distance, reflection)
     np.testing.assert_allclose(field, exact, atol=1e-10)
 
 
@@ -94,12 +96,7 @@ def test_a_right_angled_corner_is_its_eigenfunction_sum(reflection):
         weight * np.exp(0.5j * np.pi * order) * jv(order, travel) * across(order * observer) * across(order * source)
     )
     exact = terms.sum(axis=0)
-    distance = travel / WAVENUMBER
-    rays = WedgeGeometry(*np.broadcast_arrays(n, source, observer, np.inf, distance, 1.0))
-    field = diffraction_coefficient(rays, WAVENUMBER, reflection, reflection) * np.exp(-1j * travel) / np.sqrt(distance)
-    field = field + np.where(np.abs(observer - source) < np.pi, np.exp(1j * travel * np.cos(observer - source)), 0.0)
-    mirror = reflection * np.exp(1j * travel * np.cos(observer + source))
-    field = field + np.where(observer + source < np.pi, mirror, 0.0)
+    field = field_in_plane_wave(n, source, observer, travel / WAVENUMBER, reflection)
     np.testing.assert_allclose(field, exact, atol=4e-4)
 
 
