@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -78,86 +79,8 @@ def _hashes(folder: Path, paths: Iterable[Path]) -> dict[str, str]:
     }
 
 
-JOBS = 3
-KILLED = f"1/{JOBS}"
-
-Run = Callable[[list[str]], object]
-Hashes = Callable[[Path], dict[str, str]]
-
-
-class ArrayRun:
-    """Kills between and within the jobs of an array: the run in one piece, and the jobs that are not killed.
-
-    ``job`` is one job of three; the other two are finished before. What is compared of it is the merge of all three.
-    After each kill a merge is tried: as long as the job is not finished it has to be refused with the frames that are
-    missing, and to leave nothing behind. ``merge`` is the merge itself, killed and resumed.
-
-    :param factory: the command; :param scene: what every job is given
-    :param killed: the same, for the job that is killed
-    :param run: runs a command that has to succeed; :param hashes: of a dataset's shards
-    """
-
-    def __init__(self, factory: str, scene: list[str], killed: list[str], work: Path, run: Run, hashes: Hashes) -> None:
-        self._factory, self._work, self._hashes = factory, work, hashes
-        frames = ["--frames", "44", "--points", "4"]
-        self._render, self._killed = [factory, "render", *scene, *frames], [factory, "render", *killed, *frames]
-        self._others = work / "array-others"
-        run([*self._render, "--out", str(work / "array-whole")])
-        self.expected = hashes(work / "array-whole")
-        for number in (0, 2):
-            run([*self._render, "--out", str(self._others), "--shard", f"{number}/{JOBS}"])
-        self._all = work / "array-all"
-        shutil.copytree(self._others, self._all)
-        run([*self._render, "--out", str(self._all), "--shard", KILLED])
-
-    def job(self, out: Path) -> list[str]:
-        """The command of the job that is killed."""
-        return [*self._killed, "--out", str(out), "--shard", KILLED]
-
-    def reference(self, out: Path) -> list[str]:
-        """The command of the same job where it is not killed."""
-        return [*self._render, "--out", str(out), "--shard", KILLED]
-
-    def merge(self, out: Path) -> list[str]:
-        """The command of a merge that is killed."""
-        return [self._factory, "merge", str(self._all), "--out", str(out)]
-
-    def merged(self, out: Path) -> dict[str, str]:
-        """Hashes of what the finished job and the others merge to.
-
-        :raises OSError: the merge is refused, or is not the run in one piece
-        """
-        target = self._work / "array-merged"
-        shutil.rmtree(target, ignore_errors=True)
-        done = self._merge(out, target)
-        if done.returncode:
-            raise OSError(done.stderr[-800:])
-        return self.whole(target)
-
-    def whole(self, folder: Path) -> dict[str, str]:
-        """Hashes of a merged dataset.
-
-        :raises OSError: it is not the run in one piece
-        """
-        found = self._hashes(folder)
-        if found != self.expected:
-            raise OSError(f"{folder} is not the run in one piece")
-        return found
-
-    def fault(self, out: Path) -> str:
-        """How a merge with the unfinished job behaves that should be refused; "" where it is."""
-        if any(out.glob("job-*/manifest.json")):
-            return ""  # killed after its last file
-        target = self._work / "array-refused"
-        done = self._merge(out, target)
-        if done.returncode == 2 and " missing" in done.stderr and done.stderr.count("\n") == 1 and not target.exists():
-            return ""
-        return f"merge of an unfinished job: status {done.returncode}, {done.stderr[-400:]}"
-
-    def _merge(self, out: Path, target: Path) -> subprocess.CompletedProcess[str]:
-        jobs = [str(folder) for folder in (self._others, out) if folder.is_dir() and any(folder.glob("job-*"))]
-        command = [self._factory, "merge", *jobs, "--out", str(target)]
-        return subprocess.run(command, capture_output=True, text=True, check=False)
+JOBS, KILLED = 3, 1
+"""Of an array, and which of them is killed; the others are finished before."""
 
 
 def commands(work: Path, names: list[str]) -> list[Command]:
@@ -188,10 +111,69 @@ def commands(work: Path, names: list[str]) -> list[Command]:
         Command("evaluate", lambda out: [trainer, "evaluate", str(data), *evaluate, "--out", str(out)], cells),
     ]
     if {"job", "merge"} & set(names):
-        array = ArrayRun(factory, alone, killed, work, run, shards)
-        every.append(Command("job", array.job, array.merged, array.reference, fault=array.fault))
-        every.append(Command("merge", array.merge, array.whole))
+        every += of_an_array(work, factory, render(alone), render(killed))
     return [command for command in every if command.name in names]
+
+
+def of_an_array(
+    work: Path, factory: str, whole: Callable[[Path], list[str]], killed: Callable[[Path], list[str]]
+) -> list[Command]:
+    """Kills between and within the jobs of an array: the run in one piece, and the jobs that are not killed.
+
+    ``job`` is one job of three. What is compared of it is the merge of all three. After each kill a merge is tried: as
+    long as the job is not finished it has to be refused with the frames that are missing, and to leave nothing behind.
+    ``merge`` is the merge itself, killed and resumed.
+
+    :param whole: the run in one piece; :param killed: the same, of which a job is killed
+    """
+    one_piece, others, finished = (work / f"array-{name}" for name in ("whole", "others", "all"))
+    run(whole(one_piece))
+    expected = shards(one_piece)
+
+    def job(number: int, of: Callable[[Path], list[str]], out: Path) -> list[str]:
+        return [*of(out), "--shard", f"{number}/{JOBS}"]
+
+    for number in range(JOBS):
+        if number != KILLED:
+            run(job(number, whole, others))
+    shutil.copytree(others, finished)
+    run(job(KILLED, whole, finished))
+
+    def merge(jobs: list[Path], out: Path) -> list[str]:
+        return [factory, "merge", *map(str, jobs), "--out", str(out)]
+
+    def merge_with(out: Path, target: Path) -> subprocess.CompletedProcess[str]:
+        """A merge of what is left of the killed job with the others."""
+        jobs = [folder for folder in (others, out) if folder.is_dir() and any(folder.glob("job-*"))]
+        return subprocess.run(merge(jobs, target), capture_output=True, text=True, check=False)
+
+    def in_one_piece(folder: Path) -> dict[str, str]:
+        if (found := shards(folder)) != expected:
+            raise OSError(f"{folder} is not the run in one piece")
+        return found
+
+    def merged(out: Path) -> dict[str, str]:
+        target = work / "array-merged"
+        shutil.rmtree(target, ignore_errors=True)
+        done = merge_with(out, target)
+        if done.returncode:
+            raise OSError(done.stderr[-800:])
+        return in_one_piece(target)
+
+    def fault(out: Path) -> str:
+        """How a merge with the unfinished job behaves that should be refused; "" where it is."""
+        if any(out.glob("job-*/manifest.json")):
+            return ""  # killed after its last file
+        target = work / "array-refused"
+        done = merge_with(out, target)
+        if done.returncode == 2 and " missing" in done.stderr and done.stderr.count("\n") == 1 and not target.exists():
+            return ""
+        return f"merge of an unfinished job: status {done.returncode}, {done.stderr[-400:]}"
+
+    return [
+        Command("job", partial(job, KILLED, killed), merged, partial(job, KILLED, whole), fault=fault),
+        Command("merge", partial(merge, [finished]), in_one_piece),
+    ]
 
 
 def on_ray(work: Path, nodes: Nodes, chance: random.Random) -> Command:
