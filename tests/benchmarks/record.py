@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
 Value = TypeVar("Value")
@@ -69,20 +69,7 @@ class Record:
 
     def to_json(self) -> dict[str, Any]:
         """The record as ``bench.json`` holds it."""
-        return {
-            "name": self.name,
-            "ours": self.ours,
-            "ours_seconds": self.ours_time.seconds,
-            "ours_cpu_seconds": self.ours_time.cpu_seconds,
-            "reference": self.reference,
-            "reference_seconds": self.reference_time.seconds,
-            "reference_cpu_seconds": self.reference_time.cpu_seconds,
-            "ratio": self.ratio,
-            "cpu_ratio": self.cpu_ratio,
-            "error": self.error,
-            "error_unit": self.error_unit,
-            **self.details,
-        }
+        return {**asdict(self), "ratio": self.ratio, "cpu_ratio": self.cpu_ratio}
 
 
 def timed(function: Callable[[], Value], repeats: int) -> tuple[Timing, Value]:
