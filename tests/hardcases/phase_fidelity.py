@@ -187,25 +187,15 @@ def _worst(kind: str, figure: str) -> float:
     return max(getattr(fidelity(kind, range_m, offset_m), figure) for range_m in RANGES_M for offset_m in OFFSETS_M)
 
 
-def _cases() -> tuple[HardCase, ...]:
-    where = "at 5 to 200 m, 0 to 500 km from the origin"
-    cases = []
-    for kind in KINDS:
-        cases += [
-            HardCase(
-                f"array phase, {kind}", f"float32 coordinates {where}", PHASE_DEG, "deg",
-                partial(_worst, kind, "array_deg"),
-            ),
-            HardCase(
-                f"frame phase, {kind}", f"as above, over 10 ms at 10 m/s {where}", PHASE_DEG, "deg",
-                partial(_worst, kind, "frame_deg"),
-            ),
-            HardCase(
-                f"sidelobe floor, {kind}", "phase errors fill the 256-element truth with sidelobes", FLOOR_DB, "dB",
-                partial(_worst, kind, "floor_db"),
-            ),
-        ]  # fmt: skip
-    return tuple(cases)
-
-
-CASES = _cases()
+WHERE = "at 5 to 200 m, 0 to 500 km from the origin"
+FIGURES = (
+    ("array phase", f"float32 coordinates {WHERE}", PHASE_DEG, "deg", "array_deg"),
+    ("frame phase", f"as above, over 10 ms at 10 m/s {WHERE}", PHASE_DEG, "deg", "frame_deg"),
+    ("sidelobe floor", "phase errors fill the 256-element truth with sidelobes", FLOOR_DB, "dB", "floor_db"),
+)
+"""Name, hazard, bound, unit, and the field of :class:`Fidelity`."""
+CASES = tuple(
+    HardCase(f"{name}, {kind}", hazard, bound, unit, partial(_worst, kind, figure))
+    for kind in KINDS
+    for name, hazard, bound, unit, figure in FIGURES
+)

@@ -6,7 +6,6 @@ run that was never killed. What is counted stands in ``soak_commands.Tally``. Th
 a Ray cluster of this machine, whose nodes are killed as well.
 """
 
-import argparse
 import contextlib
 import os
 import random
@@ -16,8 +15,10 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Annotated
 
 import psutil
+import typer
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # where this is run as a script
 
@@ -191,26 +192,22 @@ def soak(kills: int, names: list[str], work: Path, seed: int = 0, minutes: float
     return tallies
 
 
-def main() -> None:
-    """``python tests/soak/soak.py --kills 200``: prints the table; exit status 1 where anything went wrong."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--kills", type=int, default=200)
-    parser.add_argument("--commands", default="render,trace,job,merge,fit,evaluate", help="or ray")
-    parser.add_argument(
-        "--minutes", type=float, default=float("inf"), help="stop after this time, the kills done or not"
-    )
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--work", type=Path, default=ROOT / "build" / "soak")
-    arguments = parser.parse_args()
-    shutil.rmtree(arguments.work, ignore_errors=True)
-    arguments.work.mkdir(parents=True)
+def main(
+    kills: int = 200,
+    names: Annotated[str, typer.Option("--commands", help="or ray")] = "render,trace,job,merge,fit,evaluate",
+    minutes: Annotated[float, typer.Option(help="stop after this time, the kills done or not")] = float("inf"),
+    seed: int = 0,
+    work: Path = ROOT / "build" / "soak",
+) -> None:
+    """Prints the table; exit status 1 where anything went wrong."""
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(parents=True)
     started = time.monotonic()
-    names = arguments.commands.split(",")
-    tallies = soak(arguments.kills, names, arguments.work, arguments.seed, arguments.minutes)
+    tallies = soak(kills, names.split(","), work, seed, minutes)
     print(table(tallies))
-    print(f"\n{(time.monotonic() - started) / 60.0:.0f} minutes, seed {arguments.seed}")
+    print(f"\n{(time.monotonic() - started) / 60.0:.0f} minutes, seed {seed}")
     sys.exit(not all(tally.clean for tally in tallies.values()))
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)
