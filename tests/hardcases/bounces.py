@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 from hardcases.case import HardCase
-from hardcases.tools import UTM, not_finite_paths, rectangle
+from hardcases.tools import MIRROR, UTM, not_finite_paths
 from mirrored_scenes import METAL, echoes, ground, level_db, point, two_rays_db
 from numpy.typing import NDArray
+from sionna_scenes import plate
 
 from datafactory.paths.table import ScatteredPaths
 from datafactory.scenes.poses import Pose
@@ -68,7 +69,7 @@ def _on_top_of_each_other() -> float:
     post, worst = point((20.0, 0.0, 0.464)), 0.0
     alone, _ = echoes([ground()], [post], RADAR)
     for height in (0.0, 5e-4):
-        sheet = rectangle("again", (0.0, 0.0, height), (300.0, 0.0, 0.0), (0.0, 300.0, 0.0))
+        sheet = plate("again", (0.0, 0.0, height), (300.0, 0.0, 0.0), (0.0, 300.0, 0.0), MIRROR)
         both, _ = echoes([ground(), sheet], [post], RADAR)
         worst = max(worst, np.inf if len(both) != 4 else abs(level_db(both) - level_db(alone)))
     return worst
@@ -103,7 +104,7 @@ def _many_mirrors() -> float:
         normal = -middle / np.linalg.norm(middle) + _towards(np.array([12.0, 0.0, 0.0]) - middle)
         across = np.cross(normal, [1.0, 0.0, 0.0])
         up = np.cross(normal, across)
-        plates.append(rectangle(f"p{number}", middle, 0.3 * _towards(across), 0.3 * _towards(up)))
+        plates.append(plate(f"p{number}", middle, 0.3 * _towards(across), 0.3 * _towards(up), MIRROR))
     _, table = echoes(plates, [point((12.0, 0.0, 0.0))], Pose((0.0, 0.0, 0.0)))
     kept, left_out = table.counts["target_mirrors"], table.counts["target_mirrors_left_out"]
     return abs(kept - 4) + float(not 10 < kept + left_out <= 30)

@@ -18,13 +18,13 @@ from hardcases.tools import (
     not_finite,
     not_finite_paths,
     read_back,
-    rectangle,
     small_radar,
     stage_of,
     traced,
     wall_ahead,
 )
 from oracles import relative_error
+from sionna_scenes import plate
 from small_radar import write_small_radar
 from typer.testing import CliRunner
 
@@ -161,8 +161,8 @@ def _misplaced_sensor(objects: Sequence[SceneObject], depth: int = 3) -> float:
 
 def _utm_command() -> float:
     """Exit status of a whole run on a scene at UTM coordinates, its poses drawn by the program."""
-    ground = rectangle("ground", (0.0, 0.0, 0.0), (30.0, 0.0, 0.0), (0.0, 30.0, 0.0))
-    house = rectangle("house", (12.0, 0.0, 3.0), (0.0, 20.0, 0.0), (0.0, 0.0, 3.0))
+    ground = plate("ground", (0.0, 0.0, 0.0), (30.0, 0.0, 0.0), (0.0, 30.0, 0.0), MIRROR)
+    house = plate("house", (12.0, 0.0, 3.0), (0.0, 20.0, 0.0), (0.0, 0.0, 3.0), MIRROR)
     with tempfile.TemporaryDirectory() as name:
         scene = Path(name) / "utm.usda"
         meshes = {item.name: (item.vertices, item.triangles) for item in (ground, house)}
@@ -172,8 +172,8 @@ def _utm_command() -> float:
     return float(done.exit_code) if not done.stderr.strip() else np.inf
 
 
-FLOOR = rectangle("floor", (0.0, 0.0, 0.0), (30.0, 0.0, 0.0), (0.0, 30.0, 0.0), "rough")
-AHEAD = rectangle("ahead", (30.0, 0.0, 0.0), (30.0, 0.0, 0.0), (0.0, 30.0, 0.0), "rough")
+FLOOR = plate("floor", (0.0, 0.0, 0.0), (30.0, 0.0, 0.0), (0.0, 30.0, 0.0), "rough")
+AHEAD = plate("ahead", (30.0, 0.0, 0.0), (30.0, 0.0, 0.0), (0.0, 30.0, 0.0), "rough")
 AROUND = (wall_ahead(0.05, "rough", "front"), wall_ahead(-0.05, "rough", "rear"))
 
 CASES = (

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import mpmath
 import numpy as np
 from hardcases.case import HardCase
-from hardcases.tools import MATERIALS, not_finite_paths, rectangle, traced, wall_ahead
+from hardcases.tools import MATERIALS, not_finite_paths, traced, wall_ahead
+from sionna_scenes import plate
 
 from datafactory.scenes.materials.reflectivity import VACUUM_PERMITTIVITY, fresnel_reflectivity
 
@@ -23,7 +24,7 @@ def _grazing_power_db() -> float:
     height h: cos(theta) = h / R, dA = pi R dR.
     """
     height, near, far = 0.01, 5.73, 57.3
-    ground = rectangle("ground", (100.0, 0.0, -height), (100.0, 0.0, 0.0), (0.0, 100.0, 0.0), "rough")
+    ground = plate("ground", (100.0, 0.0, -height), (100.0, 0.0, 0.0), (0.0, 100.0, 0.0), "rough")
     paths = traced([ground], rays=200_000).scattered
     range_m = paths.range_m()
     power = float((np.abs(paths.amplitude[(range_m > near) & (range_m < far)]) ** 2).sum())

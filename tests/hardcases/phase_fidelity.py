@@ -17,9 +17,10 @@ from functools import lru_cache, partial
 
 import numpy as np
 from hardcases.case import HardCase
-from hardcases.tools import MIRROR, points, rectangle, traced
+from hardcases.tools import MIRROR, points, traced
 from numpy.typing import NDArray
 from scipy.signal.windows import chebwin
+from sionna_scenes import plate
 
 from datafactory.paths.merged_scene import MergedMesh
 from datafactory.paths.table import PathTable
@@ -75,7 +76,7 @@ def fidelity(kind: str, range_m: float, offset_m: float) -> Fidelity:
         across = np.cross(normal, [0.0, 0.0, 1.0])
         half = 0.2 * range_m
         up = np.cross(across, normal)
-        sheet = rectangle("sheet", world, half * across, half * up, MIRROR if kind == "mirror" else "rough")
+        sheet = plate("sheet", world, half * across, half * up, MIRROR if kind == "mirror" else "rough")
         found = traced([sheet], pose, rays=4000)
         if kind == "mirror":
             paths = PathTable(points([]).scattered, found.specular)

@@ -68,28 +68,21 @@ def frame_of(paths: PathTable, radar: Radar, noise: bool = True) -> Frame:
 
 def not_finite(frame: Frame) -> int:
     """Values of a frame's columns that are NaN or infinite."""
-    numbers = [frame.range_channel, frame.velocity, frame.image, np.array([frame.image_peak, frame.noise_power])]
-    numbers += [
-        np.array([[t.range_m, t.u, t.velocity_mps, t.amplitude_db] for t in frame.targets]),
-    ]
+    targets = np.array([[t.range_m, t.u, t.velocity_mps, t.amplitude_db] for t in frame.targets])
+    levels = np.array([frame.image_peak, frame.noise_power])
+    numbers = (frame.range_channel, frame.velocity, frame.image, levels, targets)
     return sum(int(np.count_nonzero(~np.isfinite(values))) for values in numbers)
 
 
 def not_finite_paths(paths: PathTable) -> int:
     """Values of a table's columns that are NaN or infinite."""
-    columns = [getattr(paths.scattered, name) for name in paths.scattered.__dataclass_fields__]
-    columns += [getattr(paths.specular, name) for name in paths.specular.__dataclass_fields__]
+    columns = [*vars(paths.scattered).values(), *vars(paths.specular).values()]
     return sum(int(np.count_nonzero(~np.isfinite(column))) for column in columns)
-
-
-def rectangle(name: str, centre: ArrayLike, across: ArrayLike, up: ArrayLike, material: str = MIRROR) -> SceneObject:
-    """A flat rectangle, centre +- across +- up [m], of two triangles."""
-    return plate(name, centre, across, up, material)
 
 
 def wall_ahead(distance_m: float = 10.0, material: str = MIRROR, name: str = "wall") -> SceneObject:
     """A square of 60 m ahead, facing the radar."""
-    return rectangle(name, (distance_m, 0.0, 0.0), (0.0, 30.0, 0.0), (0.0, 0.0, 30.0), material)
+    return plate(name, (distance_m, 0.0, 0.0), (0.0, 30.0, 0.0), (0.0, 0.0, 30.0), material)
 
 
 def traced(objects: Sequence[SceneObject], pose: Pose = AT_ORIGIN, **settings: Any) -> PathTable:

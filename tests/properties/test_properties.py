@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hardcases.tools import MIRROR, frame_of, not_finite, not_finite_paths, rectangle, small_radar, traced
+from hardcases.tools import MIRROR, frame_of, not_finite, not_finite_paths, small_radar, traced
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from path_tables import random_table
+from sionna_scenes import plate
 
 from datafactory.paths.rays import RayFan
 from datafactory.paths.table import PathTable, ScatteredPaths
@@ -116,9 +117,9 @@ def rooms(draw: st.DrawFn) -> tuple[SceneObject, ...]:
     ahead, left, below = draw(st.floats(4.0, 30.0)), draw(st.floats(2.0, 10.0)), draw(st.floats(1.0, 3.0))
     materials = [draw(st.sampled_from([MIRROR, "rough"])) for _ in range(3)]
     return (
-        rectangle("ahead", (ahead, 0, 0), (0, 20, 0), (0, 0, 10), materials[0]),
-        rectangle("left", (10, left, 0), (15, 0, 0), (0, 0, 10), materials[1]),
-        rectangle("ground", (10, 0, -below), (20, 0, 0), (0, 20, 0), materials[2]),
+        plate("ahead", (ahead, 0, 0), (0, 20, 0), (0, 0, 10), materials[0]),
+        plate("left", (10, left, 0), (15, 0, 0), (0, 0, 10), materials[1]),
+        plate("ground", (10, 0, -below), (20, 0, 0), (0, 20, 0), materials[2]),
     )
 
 
