@@ -95,3 +95,14 @@ def random_table(
     image, velocity, owner = 2.0 * points(specular), velocities(specular), np.full(specular, -1, dtype=np.int32)
     axes = np.array([random_reflection(generator) for _ in range(specular)]).reshape(specular, 3, 3)
     return PathTable(paths, SpecularPaths.of(image, velocity, axes, amplitudes(specular), owner, SPECULAR))
+
+
+def different_columns(one: PathTable, other: PathTable) -> list[str]:
+    """Names of the columns of two tables that are not the same, in type and bit for bit."""
+    different = []
+    for kind in ("scattered", "specular"):
+        for name, ours in vars(getattr(one, kind)).items():
+            theirs = getattr(getattr(other, kind), name)
+            if ours.dtype != theirs.dtype or ours.tobytes() != theirs.tobytes():
+                different.append(f"{kind}.{name}")
+    return different

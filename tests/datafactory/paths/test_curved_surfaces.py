@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from curved_scenes import body, capsule, cylinder, ellipsoid, grid, icosphere, rounded_box, sphere, traced
+from path_tables import different_columns
 from scipy.spatial.transform import Rotation
 from sionna_scenes import mesh, plate, scene_of
 
@@ -37,9 +38,7 @@ def test_scenes_of_flat_faces_have_no_curved_surface_and_the_bytes_they_had(monk
     monkeypatch.setattr("datafactory.paths.view.curved_surfaces_of", lambda merged: nothing)
     without = traced(*objects, depth=2, diffraction=True, refraction=True)
     assert len(with_them.specular) > 1
-    for kind in ("scattered", "specular"):
-        for name, values in vars(getattr(with_them, kind)).items():
-            assert values.tobytes() == getattr(getattr(without, kind), name).tobytes()
+    assert different_columns(with_them, without) == []
 
 
 @pytest.mark.parametrize("segments", [8, 12, 14])

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from path_tables import different_columns
 from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, mapping, material, plate, slab_transmission, slabs, view_of
 
 from datafactory.paths import solver as solver_module
@@ -312,12 +313,8 @@ def test_panes_change_no_path_that_does_not_cross_them(depth):
     kept, crossing = uncrossed(through)
     assert crossing > 20
     assert uncrossed(without)[1] == 0
-    for kind in ("scattered", "specular"):
-        ours, theirs = getattr(kept, kind), getattr(without, kind)
-        for field in fields(ours):
-            if field.name == "candidate":  # a number in a list that is longer with panes
-                continue
-            np.testing.assert_array_equal(getattr(ours, field.name), getattr(theirs, field.name))
+    # A candidate is a number in a list that is longer with panes.
+    assert set(different_columns(kept, without)) <= {"scattered.candidate", "specular.candidate"}
 
 
 def test_across_the_polarization_a_surface_scatters_nothing():

@@ -1,10 +1,9 @@
 """One trace: names, hidden mirrors, chains, motion; powers against mirror images, the radar integral, and Sionna's."""
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from path_tables import different_columns
 from sionna_scenes import AT_ORIGIN, FREQUENCY_HZ, WAVELENGTH_M, mapping, material, plate, scene_of, slabs
 from sionna_scenes import traced as trace_of
 
@@ -71,17 +70,6 @@ def power(paths) -> float:
 pytestmark = pytest.mark.usefixtures("variant")
 
 
-def table_bytes(table: PathTable) -> bytes:
-    return (
-        b"".join(
-            np.ascontiguousarray(getattr(kind, item.name)).tobytes()
-            for kind in (table.scattered, table.specular)
-            for item in fields(kind)
-        )
-        + repr((table.objects, table.counts)).encode()
-    )
-
-
 def test_chains_run_both_ways():
     """A large mirror and a small one where a chain meets it: few rays find either way, and seldom both."""
     tilt, turn = np.radians([10.0, 15.0])
@@ -122,7 +110,7 @@ def test_ways_back_that_are_there_are_not_added():
 def test_the_order_in_which_the_solver_returns_paths_does_not_matter(monkeypatch):
     # On a busy machine its threads finish in another order once in a while.
     scene = (wall("rough", half_m=20.0), side_wall("rough"))
-    expected = table_bytes(traced(*scene, depth=2, rays=5_000))
+    expected = traced(*scene, depth=2, rays=5_000)
     bundle_of = solver_module._bundle_of
 
     def shuffled(*arguments):
@@ -130,7 +118,9 @@ def test_the_order_in_which_the_solver_returns_paths_does_not_matter(monkeypatch
         return bundle.take(np.random.default_rng(1).permutation(len(bundle.amplitude)))
 
     monkeypatch.setattr(solver_module, "_bundle_of", shuffled)
-    assert table_bytes(traced(*scene, depth=2, rays=5_000)) == expected
+    found = traced(*scene, depth=2, rays=5_000)
+    assert different_columns(found, expected) == []
+    assert (found.objects, found.counts) == (expected.objects, expected.counts)
 
 
 def test_merged_objects_keep_their_names():
