@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from command_line import ended
+from command_line import ended, refused
 from numpy.typing import NDArray
 from raw_files import radar_file, radar_of
 
@@ -197,11 +197,9 @@ def test_what_does_not_fit_is_one_line(
         np.save("corner.npy", np.zeros((4, 32, 192), complex))
         command = ["import", "corner.npy", "--calibration", source, "--out", "cube.npz"]
     scipy.io.savemat("calibrateResults.mat", content)
-    code, _, said = ended("trainer", *command, *options, "--board", board, "--radar", "capture.toml")
-    assert code == 2
+    said = refused("trainer", *command, *options, "--board", board, "--radar", "capture.toml")
     expected = message.replace("FIELD", field).replace("FILE", "calibrateResults.mat")
     assert said.startswith(f"trainer: {source}: {expected}")
-    assert said.count("\n") == 1
 
 
 @pytest.mark.parametrize("count", [256, 2048])
