@@ -5,6 +5,7 @@ import itertools
 import json
 from pathlib import Path
 
+import matplotlib.image
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -240,6 +241,17 @@ def test_lines_that_do_not_fit_the_static_world_are_marked(tmp_path, speed):
     assert moving[0]["moving"] > 0.5
     assert len(still) > 15
     assert max(line["moving"] for line in still) < 0.1
+
+
+def test_a_picture_shows_points_beside_the_images_and_those_that_move_in_cyan(tmp_path):
+    data, shown = moving_dataset(tmp_path / "data", 20.0), {}
+    for points in (False, True):
+        predict([data], tmp_path / f"points-{points}", method="likes-view-ego", points=points)
+        (file,) = (tmp_path / f"points-{points}").glob("*.png")
+        shown[points] = matplotlib.image.imread(file)[..., :3]
+    assert shown[True].shape[1] == shown[False].shape[1] * 4 // 3
+    cyan = {points: (abs(image - (0.0, 1.0, 1.0)).max(axis=-1) < 0.1).sum() for points, image in shown.items()}
+    assert cyan[True] > cyan[False] == 0
 
 
 def test_the_command_goes_before_the_file_and_the_file_before_the_frame(tmp_path):

@@ -21,13 +21,16 @@ from shared.dataset.writing import write_bytes
 from shared.physics.errors import figure_text
 from shared.pictures import COLOUR_MAP, LEVEL_LABEL, SPAN_DB, draw_levels, film, range_weighted_db, save_figure
 from shared.radar import Radar
+from trainer.run.detections import Detections
 
 ANIMATION = "animation.gif"
 FRAMES_PER_SECOND = 3
 DOTS_PER_INCH = 80
 """A frame of two panels then has about 30 kB."""
 LARGEST_DOT = 80.0
-"""Of a detection as strong as the strongest of all frames [points^2]; one 40 dB weaker has none."""
+"""Of a detection as strong as the strongest [points^2]; one 40 dB weaker has none."""
+STANDING, MOVING = "white", "cyan"
+"""Colours of points in a picture."""
 
 
 def panel(images: Mapping[str, NDArray[np.floating]]) -> NDArray[np.uint8]:
@@ -58,15 +61,31 @@ def save_comparison(path: Path, frames: Mapping[str, Mapping[str, NDArray[np.flo
     save_figure(figure, path, 100)
 
 
-def save_picture(path: Path, images: Mapping[str, NDArray[np.floating]], radar: Radar, title: str) -> None:
-    """A PNG of the images side by side with range and u axes, left of the radar on the left."""
-    figure = Figure(figsize=(4.0 * len(images), 5.0), layout="constrained")
+def save_picture(
+    path: Path,
+    images: Mapping[str, NDArray[np.floating]],
+    radar: Radar,
+    title: str,
+    points: Detections | None = None,
+) -> None:
+    """A PNG of the images side by side with range and u axes, left of the radar on the left.
+
+    :param points: shown beside them: their areas by level x range, and whether they move more likely than not
+    """
+    count = len(images) + (points is not None)
+    figure = Figure(figsize=(4.0 * count, 5.0), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(1, len(images), sharey=True, squeeze=False)[0]
-    for axis, (name, image) in zip(axes, images.items(), strict=True):
+    axes = figure.subplots(1, count, sharex=True, sharey=True, squeeze=False)[0]
+    for axis, (name, image) in zip(axes, images.items(), strict=False):
         levels = range_weighted_db(image)
         drawn = draw_levels(axis, levels, radar.waveform.range_step_m, radar.grid.u_start, radar.grid.step)
         axis.set(title=figure_text(name), xlabel="u = sin(azimuth)")
+    if points is not None:
+        moves = points.moving > 0.5
+        area = _areas(weighted := _weighted_db(points.amplitude_db, points.range_m), weighted.max(initial=-np.inf))
+        for chosen, colour in ((~moves, STANDING), (moves, MOVING)):
+            axes[-1].scatter(points.u[chosen], points.range_m[chosen], s=area[chosen], c=colour, linewidths=0.0)
+        axes[-1].set(title=f"points, {MOVING}: moving", xlabel="u = sin(azimuth)", facecolor="black")
     axes[0].set_ylabel("range [m]")
     figure.colorbar(drawn, ax=axes, label=f"{LEVEL_LABEL}, 0 dB at the maximum")
     figure.suptitle(figure_text(title))
@@ -105,8 +124,7 @@ def save_animation(images: Path, path: Path) -> int:
                 artist.remove()
             image = draw_levels(left, levels, step_m, u_start, u_step)
             range_m, u, velocity, weighted = frames[number]
-            size = LARGEST_DOT * np.clip(1.0 + (weighted - strongest) / SPAN_DB, 0.0, 1.0) ** 2
-            dots = right.scatter(u, range_m, s=size, c=velocity, **colours)
+            dots = right.scatter(u, range_m, s=_areas(weighted, strongest), c=velocity, **colours)
             if number == 0:
                 left.set(title=f"image, {LEVEL_LABEL}", xlabel="u = sin(azimuth)", ylabel="range [m]")
                 right.set(title="detections, range rate [m/s]", xlabel="u = sin(azimuth)")
@@ -129,4 +147,14 @@ def _detections(entries: list[dict[str, float]]) -> tuple[NDArray[np.float64], .
     """(range [m], u, velocity [m/s], level x range [dB]), each [N]."""
     names = ("range", "u", "velocity", "amplitude_db")
     range_m, u, velocity, level_db = (np.array([entry[name] for entry in entries], dtype=float) for name in names)
-    return range_m, u, velocity, level_db + 20.0 * np.log10(np.maximum(range_m, 1e-3))
+    return range_m, u, velocity, _weighted_db(level_db, range_m)
+
+
+def _weighted_db(level_db: NDArray[np.float64], range_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[N] level x range [dB], as images are drawn."""
+    return level_db + 20.0 * np.log10(np.maximum(range_m, 1e-3))
+
+
+def _areas(weighted_db: NDArray[np.float64], strongest_db: float) -> NDArray[np.float64]:
+    """[N] of the dots [points^2]."""
+    return LARGEST_DOT * np.clip(1.0 + (weighted_db - strongest_db) / SPAN_DB, 0.0, 1.0) ** 2

@@ -308,7 +308,7 @@ def _picture(out: Path, answer: Answer, found: Prediction) -> None:
     images = {f"delay and sum, {answer.array.name}": answer.baseline(measurement), answer.name: found.image}
     if measurement.truth is not None:
         images["truth (strongest peaks)"] = measurement.truth
-    save_picture(out / f"{measurement.name}.png", images, answer.radar, measurement.name)
+    save_picture(out / f"{measurement.name}.png", images, answer.radar, measurement.name, found.points)
 
 
 def _row(values: NDArray[np.float32], kind: pa.DataType) -> pa.Array:
