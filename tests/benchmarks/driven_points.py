@@ -83,21 +83,17 @@ def main(
             moves = (maximum_filter(of_movers, AROUND, mode="wrap") > 0.5 * maximum_filter(power, AROUND, mode="wrap"))[
                 place
             ]
-            told.append(np.stack([seen.probability, seen.snr_db, true, seen.moving, moves]))
+            told.append(np.stack([seen.probability, seen.snr_db, seen.unlike_ways_db, true, seen.moving, moves]))
         share, count = np.concatenate(found).mean(), len(np.concatenate(found)) / len(found)
         print(
             f"{cells}, {allowed:g} asked for: {share:.3f} of {count:.0f} cells a frame, {np.sum(things)} of "
             f"{len(things)} things, {np.mean(lines):.0f} lines, {np.mean(false):.1f} false"
         )
-        probability, snr_db, truth, moving, moves = np.concatenate(told, axis=1)
+        probability, snr_db, unlike_db, truth, moving, moves = np.concatenate(told, axis=1)
         print_bands("said", probability, truth, "true", BANDS)
         print_bands("said to move", moving, moves, f"moves, of all {moves.mean():.3f},", MOVING_BANDS)
-        print(
-            "  best constants",
-            fitted_constants(
-                probability, snr_db, truth, BY_HEAD if isinstance(predictor.answer, NetworkAnswer) else BY_LEVEL
-            ),
-        )
+        used = BY_HEAD if isinstance(predictor.answer, NetworkAnswer) else BY_LEVEL
+        print("  best constants", fitted_constants(probability, snr_db, unlike_db, truth, used))
 
 
 def print_bands(
@@ -128,21 +124,22 @@ def movers(traced: TracedFrame, own: EgoMotion | None) -> tuple[int, ...]:
 def fitted_constants(
     probability: NDArray[np.float64],
     snr_db: NDArray[np.float64],
+    unlike_db: NDArray[np.float64],
     true: NDArray[np.float64],
-    used: tuple[float, float, float],
+    used: tuple[float, float, float, float],
 ) -> NDArray[np.float64]:
-    """(a, b, c) of :func:`line_probability` of most likelihood; what the head said follows from those used."""
-    a, b, c = used
+    """(a, b, d, c) of :func:`line_probability` of most likelihood; what the head said follows from those used."""
+    a, b, c, d = used
     level = np.minimum(snr_db, HIGHEST_DB)
-    columns = np.stack([np.ones_like(level), level / 10.0], axis=1)
+    columns = np.stack([np.ones_like(level), level / 10.0, -unlike_db], axis=1)
     if c:
-        columns = np.column_stack([columns, (logit(probability) - a - b * level) / c])
+        columns = np.column_stack([columns, (logit(probability) - a - b * level + d * unlike_db) / c])
 
     def surprise(weights: NDArray[np.float64]) -> float:
         return float(np.sum(np.logaddexp(0.0, columns @ weights) - true * (columns @ weights)))
 
     found = minimize(surprise, np.zeros(columns.shape[1])).x
-    return np.round(found / np.array([1.0, 10.0, 1.0])[: len(found)], 3)
+    return np.round(found / np.array([1.0, 10.0, 1.0, 1.0])[: len(found)], 3)
 
 
 @dataclass(frozen=True)

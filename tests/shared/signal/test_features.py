@@ -312,7 +312,7 @@ def test_probability_by_hand(echo: float) -> None:
     cells = 1.2
     sigma = math.sqrt(1.0 / 12.0 + 0.25) * STEP
     normal = 0.7 * math.exp(-((cells * STEP) ** 2) / (2.0 * sigma**2)) / (math.sqrt(2.0 * math.pi) * sigma)
-    odds = (echo / (1.0 - echo) / 19.0) ** 2
+    odds = (echo / (1.0 - echo) / 16.0) ** 2
     expected = odds / (1.0 + odds) * (0.3 / PERIOD) / (0.3 / PERIOD + normal)
     column = np.array
     found = moving_probability(

@@ -191,7 +191,7 @@ def test_an_estimator_sees_elements_that_coincide_once(tmp_path, dead):
 SOME = Detections(
     np.array([10.0, 20.0]), np.array([0.6, -0.8]), np.array([1.5, 0.0]), np.array([-100.0, -120.5]),
     np.array([1e-4, 2e-3]), np.array([0.75, 0.5]), np.array([1e-3, 0.04]), np.array([0.05, 0.05]),
-    np.array([0.25, math.nan]), np.array([70, 64]), np.array([30.0, 12.0]),
+    np.array([0.25, math.nan]), np.array([70, 64]), np.array([30.0, 12.0]), np.array([0.5, 0.0]),
 )  # fmt: skip
 
 
@@ -201,7 +201,8 @@ def test_csv_has_a_line_a_detection(tmp_path) -> None:
         rows = list(csv.DictReader(handle))
     assert [row["frame_id"] for row in rows] == ["3", "3", "4", "4"]
     assert list(rows[0]) == ["frame_id", *UNITS]
-    assert [float(rows[0][name]) for name in UNITS] == [10.0, 0.6, 1.5, -100.0, 1e-4, 0.75, 1e-3, 0.05, 0.25, 70, 30]
+    first = [10.0, 0.6, 1.5, -100.0, 1e-4, 0.75, 1e-3, 0.05, 0.25, 70, 30, 0.5]
+    assert [float(rows[0][name]) for name in UNITS] == first
     assert rows[1]["moving"] == ""
 
 

@@ -267,8 +267,10 @@ def test_probability_orders_candidates_and_is_read_beside_the_line() -> None:
     probability = np.zeros((1, 630, 450), np.float32)
     probability[0, 150, place] = 0.8
     found = detect(at_rest([150.0], [U[place] + 0.001], [30.0]), np.zeros((1, 630)), probability)
-    assert found.probability[0] == pytest.approx(line_probability(found.snr_db[:1], np.array([0.8]))[0])
-    assert found.probability[0] > line_probability(found.snr_db[:1], np.array([0.1]))[0]
+    assert found.probability[0] == pytest.approx(
+        line_probability(found.snr_db[:1], found.unlike_ways_db[:1], np.array([0.8]))[0]
+    )
+    assert found.probability[0] > line_probability(found.snr_db[:1], found.unlike_ways_db[:1], np.array([0.1]))[0]
 
 
 def test_shapes_that_do_not_fit_are_refused() -> None:

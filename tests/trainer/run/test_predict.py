@@ -236,7 +236,7 @@ def test_lines_that_do_not_fit_the_static_world_are_marked(tmp_path, speed):
     still = [line for line in found if line not in moving and line["range"] > 10.0]
     assert len(moving) == 1
     # Far from the static world nothing is left but the odds of an echo so likely.
-    odds = (moving[0]["probability"] / (1.0 - moving[0]["probability"]) / 19.0) ** 2
+    odds = (moving[0]["probability"] / (1.0 - moving[0]["probability"]) / 16.0) ** 2
     assert moving[0]["moving"] == pytest.approx(odds / (1.0 + odds), abs=1e-3)
     assert moving[0]["moving"] > 0.5
     assert len(still) > 15

@@ -42,7 +42,7 @@ SPREAD_CELLS = 0.85
 """s of the prior [Doppler cells]: a Hann window's cell is that wide, and the road is not quite level."""
 ASTRAY = 0.3
 """Share of lines that are not of the level static world, before one knows their Doppler."""
-EVEN_ODDS = 19.0
+EVEN_ODDS = 16.0
 """Odds of being an echo at which one of those is as likely of something that moves as of something else."""
 STATIC_SPREAD_CELLS = 0.5
 """Standard deviation [Doppler cells] of a static line's velocity beside its own cell's: echoes that share a cell."""

@@ -24,6 +24,7 @@ UNITS = {
     "range_std": "m, Cramer-Rao, or of a bin", "velocity_std": "m/s, Cramer-Rao, or of a Doppler cell",
     "moving": "probability of something that moves; null where the sensor's motion is not known",
     "doppler_cell": "index on the rising velocity axis", "snr_db": "dB over the noise of all channels added",
+    "unlike_ways_db": "dB, what an echo of unlike ways out and back explains more of the cell",
 }  # fmt: skip
 """Of the fields of a detection, in their order."""
 KINDS = {"doppler_cell": pa.int64()}
@@ -33,7 +34,7 @@ DETECTION = pa.struct([
 ])  # fmt: skip
 COLUMN = pa.field("detections", pa.list_(pa.field("element", DETECTION, nullable=False)), nullable=False)
 """list<struct<range, u, velocity, amplitude_db, u_std, probability, range_std, velocity_std, moving, doppler_cell,
-snr_db>>, strongest first."""
+snr_db, unlike_ways_db>>, strongest first."""
 MOTION_UNITS = {"forward": "m/s", "left": "m/s", "forward_std": "m/s, 0 if told", "left_std": "m/s, 0 if told"}
 """Of the sensor's velocity in the radar frame."""
 MOTION = pa.field("motion", pa.struct([pa.field(name, pa.float64(), nullable=False) for name in MOTION_UNITS]))

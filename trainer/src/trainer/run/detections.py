@@ -33,6 +33,7 @@ from trainer.estimators.fitting import (
     line_threshold,
     score_peaks,
 )
+from trainer.estimators.unlike_ways import unlike_ways_db
 from trainer.estimators.velocities import UNIFORM, lean, velocity_offsets
 from trainer.run.false_alarms import first_line_threshold
 from trainer.run.targets_once import Beams, Centres, Lines, heard_centres
@@ -61,10 +62,10 @@ REPORTED_WITHIN_DB = 3.3
 SIDEBANDS_DB = 45.0
 """Below a line of one chirp an oscillator's phase noise is looked for. That of a TI board as the imperfections have it,
 -84 dBc/Hz within 300 kHz, stands 50 dB and more below in a range bin; it averages over the chirps."""
-BY_LEVEL = (-1.15, 0.116, 0.0)
-"""(a, b, c) of a method without a detection head."""
-BY_HEAD = (1.7, 0.062, 0.49)
-"""(a, b, c) with one."""
+BY_LEVEL = (-0.23, 0.095, 0.0, 1.13)
+"""(a, b, c, d) of a method without a detection head."""
+BY_HEAD = (1.9, 0.061, 0.48, 1.03)
+"""(a, b, c, d) with one."""
 HIGHEST_DB = 45.0
 """Beyond, a line is as often a ghost of a strong echo as an echo: what is stronger is no more likely."""
 LEAST_HEAD = 1e-4
@@ -92,6 +93,7 @@ class Detections:
         known, and of less than three chirps
     :param doppler_cell: [N] on the rising velocity axis, where its range-Doppler cell stands
     :param snr_db: [N] of the line in its cell, all channels added, over the noise that the fit was told [dB]
+    :param unlike_ways_db: [N] of its cell, by :func:`trainer.estimators.unlike_ways.unlike_ways_db` [dB]
     """
 
     range_m: NDArray[np.float64]
@@ -105,6 +107,7 @@ class Detections:
     moving: NDArray[np.float64]
     doppler_cell: NDArray[np.int64]
     snr_db: NDArray[np.float64]
+    unlike_ways_db: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.u)
@@ -175,6 +178,7 @@ def find_detections(
     peaks = np.where(own >= 0, own, centres.peak[group])
     rows = np.where(own >= 0, nearest, centres.row[group])
     head = None if probability is None else _around(probability, peaks, rows, lines.u[kept], axis)
+    unlike_db = unlike_ways_db((snapshots * straight)[peaks, rows], array)
     snr_db = lines.level_db[kept] + power_to_db(array.channels / lines.noise[kept])
     centre_mps = np.asarray(velocity, dtype=np.float64)[peaks, rows]
     offset_std = lines.offset_std[kept]
@@ -187,12 +191,13 @@ def find_detections(
         velocity=folded(centre_mps + lines.shift[kept] * radar.waveform.velocity_step_mps, velocity_period_mps(radar)),
         amplitude_db=lines.level_db[kept],
         u_std=lines.u_std[kept],
-        probability=line_probability(snr_db, head),
+        probability=line_probability(snr_db, unlike_db, head),
         range_std=np.where(np.isnan(offset_std), UNIFORM, offset_std) * radar.waveform.range_step_m,
         velocity_std=lines.shift_std[kept] * radar.waveform.velocity_step_mps,
         moving=np.full(len(kept), np.nan),
         doppler_cell=(lines.cell[kept] + chirps // 2) % chirps,
         snr_db=snr_db,
+        unlike_ways_db=unlike_db,
     )
 
 
@@ -255,24 +260,28 @@ def _shown(lines: Lines, centres: Centres, radar: Radar) -> NDArray[np.bool_]:
     return in_view & placed & (np.abs(lines.offset) <= np.where(at_a_centre, OWN_BINS, REACH_BINS))
 
 
-def line_probability(snr_db: NDArray[np.float64], head: NDArray[np.floating] | None) -> NDArray[np.float64]:
-    """P [N] that an echo stands at lines of L = ``snr_db`` [N], h = ``head`` [N]; None without a detection head.
+def line_probability(
+    snr_db: NDArray[np.float64], unlike_db: NDArray[np.float64], head: NDArray[np.floating] | None
+) -> NDArray[np.float64]:
+    """P [N] that an echo stands at lines of L = ``snr_db`` [N], G = ``unlike_db`` [N], h = ``head`` [N]; None without a
+    detection head.
 
     A line that passed the test for noise may still be none: the flank of a neighbour, a ghost of a board's
     errors, an echo of unlike ways out and back, which no one angle explains. How often that is so falls with the line's
-    level L over the noise that the fit is told [dB], all channels added, and where a network has a detection head with
-    the logit of what that says at the line:
+    level L over the noise that the fit is told [dB], all channels added, and rises with what an echo of unlike ways
+    explains more of its cell, G [dB] (:mod:`trainer.estimators.unlike_ways`). Where a network has a detection head, the
+    logit of what that says at the line counts too:
 
-        P = 1 / (1 + exp(-(a + b L + c logit h)))
+        P = 1 / (1 + exp(-(a + b L + c logit h - d G)))
 
     (Platt, "Probabilistic outputs for support vector machines", 1999: the head's own h is the share of pixels that hold
-    a peak of the truth, which few do). a, b and c are near what fits the lines of simulated drives through two cities
-    best, of which the paths are known; ``python tests/benchmarks/driven_points.py`` prints those of one drive:
-    docs/notes/points.md. Limit: lines of a board's phase noise are told from echoes by neither level nor head.
+    a peak of the truth, which few do). a, b, c and d are near what fits the lines of simulated drives through two
+    cities best, of which the paths are known; ``python tests/benchmarks/driven_points.py`` prints those of one drive:
+    docs/notes/points.md. Limit: lines of a board's phase noise are told from echoes by none of these.
     """
-    a, b, c = BY_LEVEL if head is None else BY_HEAD
+    a, b, c, d = BY_LEVEL if head is None else BY_HEAD
     said = 0.0 if head is None else logit(np.clip(head, LEAST_HEAD, 1.0 - LEAST_HEAD))
-    return np.asarray(expit(a + b * np.minimum(snr_db, HIGHEST_DB) + c * said))
+    return np.asarray(expit(a + b * np.minimum(snr_db, HIGHEST_DB) + c * said - d * unlike_db))
 
 
 def with_moving(found: Detections, motion: EgoMotion | None, radar: Radar) -> Detections:
