@@ -235,9 +235,9 @@ def test_lines_that_do_not_fit_the_static_world_are_marked(tmp_path, speed):
     moving = [line for line in found if round(line["range"] / WAVEFORM.range_step_m) == 23]
     still = [line for line in found if line not in moving and line["range"] > 10.0]
     assert len(moving) == 1
-    # Far from the static world nothing is left but the odds of an echo so likely.
+    # It is not of the static world; that it moves is then as likely as an echo of this probability allows.
     odds = (moving[0]["probability"] / (1.0 - moving[0]["probability"]) / 16.0) ** 2
-    assert moving[0]["moving"] == pytest.approx(odds / (1.0 + odds), abs=1e-3)
+    assert 0.99 < moving[0]["moving"] / (odds / (1.0 + odds)) <= 1.0
     assert moving[0]["moving"] > 0.5
     assert len(still) > 15
     assert max(line["moving"] for line in still) < 0.1

@@ -116,7 +116,8 @@ MEANINGS = {
     "cells_lit_by_fewer_than_5_paths": "of these, those whose echo is the sum of too few paths for natural speckle",
     "targets_left_out": "of the targets and the truth's cells above the noise, those beyond 256 of a frame",
     "boxes": "boxes of objects that move or have a class",
-    "targets_out_of_view": "echo points in sight beyond the range or the field of view, not listed as targets",
+    "targets_out_of_view": "targets of a list, and echo points in sight, beyond the range or the field of view:"
+    " not listed as targets",
     "boxes_out_of_view": "boxes beyond the range or the field of view, left out",
     "converter_saturated": "samples that the converter cut off",
 }

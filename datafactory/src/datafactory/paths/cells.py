@@ -281,7 +281,7 @@ def pruned(paths: PathTable, radar: Radar, level_db: float = DEFAULT_LEVEL_DB) -
     :param paths: illuminated paths
     """
     scattered, waveform = paths.scattered, radar.waveform
-    start_m, middle_s = scattered.range_m(), waveform.mid_frame_s
+    start_m, middle_s = scattered.range_m(), waveform.mid_frame_s  # the mean rate until then is the cell's
     rate_mps = (paths.at_rest(middle_s).scattered.range_m() - start_m) / middle_s
     range_bin = np.floor(start_m / waveform.range_step_m).astype(np.int64)
     cell = range_bin * waveform.chirps + waveform.doppler_cells(rate_mps)

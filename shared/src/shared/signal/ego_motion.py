@@ -31,7 +31,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float64
-from scipy.special import bdtrc
+from scipy.special import bdtrc, expit, logit
 
 from shared.physics.units import db_to_power
 from shared.radar import Radar
@@ -41,9 +41,9 @@ FLOOR_DB = -10.0
 SPREAD_CELLS = 0.85
 """s of the prior [Doppler cells]: a Hann window's cell is that wide, and the road is not quite level."""
 ASTRAY = 0.3
-"""Share of lines that are not of the level static world, before one knows their Doppler."""
+"""Share of lines that are not of the level static world, before one knows their Doppler: docs/notes/ego-motion.md."""
 EVEN_ODDS = 16.0
-"""Odds of being an echo at which one of those is as likely of something that moves as of something else."""
+"""Odds of being an echo at which one of those is as likely of something that moves as of something else: p = 0.94."""
 STATIC_SPREAD_CELLS = 0.5
 """Standard deviation [Doppler cells] of a static line's velocity beside its own cell's: echoes that share a cell."""
 HEIGHT_M = 5.0
@@ -162,8 +162,8 @@ def moving_probability(
     )
     away = folded(velocity_mps - motion.range_rate(u), period)
     static = (1.0 - ASTRAY) * np.exp(-(away**2) / (2.0 * variance)) / np.sqrt(2.0 * np.pi * variance)
-    odds = (probability / (1.0 - probability) / EVEN_ODDS) ** 2
-    return odds / (1.0 + odds) * ASTRAY / (ASTRAY + period * static)
+    moves = expit(2.0 * (logit(probability) - np.log(EVEN_ODDS)))
+    return moves * ASTRAY / (ASTRAY + period * static)
 
 
 TRIALS = 64

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.physics.units import power_to_db
-from trainer.estimators.array import POINTS_PER_CELL, LineArray
+from trainer.estimators.array import POINTS_PER_CELL, LineArray, uniform_axis
 
 
 def unlike_ways_db(values: NDArray[np.complexfloating], array: LineArray) -> NDArray[np.float64]:
@@ -38,19 +38,17 @@ def unlike_ways_db(values: NDArray[np.complexfloating], array: LineArray) -> NDA
     # Places of TX and RX alone: their sums are known. What they have in common turns an echo by one phase.
     places = np.concatenate([np.eye(len(tx))[of_tx], np.eye(len(rx))[of_rx]], axis=1)
     along = np.linalg.lstsq(places, array.positions_m, rcond=None)[0]
-    tx_m, rx_m = along[: len(tx)], along[len(tx) :]
-    of_lines = np.abs(values @ _received(array.positions_m, array)) ** 2
-    arriving = _received(rx_m, array)
+    of_tx_alone, of_rx_alone = (LineArray(part, array.wavelength_m) for part in np.split(along, [len(tx)]))
+    of_lines = np.abs(values @ _received(array)) ** 2
+    arriving = _received(of_rx_alone)
     by_tx = np.stack([values[:, of_tx == t] @ arriving[of_rx[of_tx == t]] for t in range(len(tx))], axis=-1)
     strongest = np.argmax(np.sum(np.abs(by_tx) ** 2, axis=-1), axis=1)
-    of_two_ways = np.abs(by_tx[np.arange(len(values)), strongest] @ _received(tx_m, array)) ** 2
+    of_two_ways = np.abs(by_tx[np.arange(len(values)), strongest] @ _received(of_tx_alone)) ** 2
     line = np.maximum(of_lines.max(axis=1), np.finfo(np.float64).tiny)
     return np.asarray(power_to_db(np.maximum(of_two_ways.max(axis=1), line) / line))
 
 
-def _received(places_m: NDArray[np.float64], array: LineArray) -> NDArray[np.complex128]:
-    """[elements, angles] exp(j k u p): what adds up an echo from each of a grid of angles."""
-    cell = array.wavelength_m / (np.ptp(places_m) + 0.5 * array.wavelength_m)
-    u = np.linspace(-1.0, 1.0, int(np.ceil(2.0 / cell * POINTS_PER_CELL)) + 1)
-    received: NDArray[np.complex128] = np.exp(2j * np.pi / array.wavelength_m * places_m[:, None] * u)
+def _received(array: LineArray) -> NDArray[np.complex128]:
+    """[C, U] exp(j k u p): what adds up an echo from each of the angles that the elements tell apart."""
+    received: NDArray[np.complex128] = array.manifold(uniform_axis(array, POINTS_PER_CELL)).conj()
     return received

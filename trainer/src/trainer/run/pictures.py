@@ -85,7 +85,8 @@ def save_picture(
         area = _areas(weighted := _weighted_db(points.amplitude_db, points.range_m), weighted.max(initial=-np.inf))
         for chosen, colour in ((~moves, STANDING), (moves, MOVING)):
             axes[-1].scatter(points.u[chosen], points.range_m[chosen], s=area[chosen], c=colour, linewidths=0.0)
-        axes[-1].set(title=f"points, {MOVING}: moving", xlabel="u = sin(azimuth)", facecolor="black")
+        told = "" if np.isnan(points.moving).all() else f", {MOVING}: moving"
+        axes[-1].set(title=f"points{told}", xlabel="u = sin(azimuth)", facecolor="black")
     axes[0].set_ylabel("range [m]")
     figure.colorbar(drawn, ax=axes, label=f"{LEVEL_LABEL}, 0 dB at the maximum")
     figure.suptitle(figure_text(title))

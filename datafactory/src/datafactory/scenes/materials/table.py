@@ -211,7 +211,7 @@ class MaterialEntry(BaseModel, frozen=True, extra="forbid", strict=True):
                     f"{self.grazing_deg:g}, of a surface that scatters all that it reflects"
                 )
         if any(calibrated) and self.pattern != "lambertian":
-            # Its lobe towards the radar depends on the angle: at 10 deg of grazing S would be 7.8 dB too large.
+            # S follows from the backscatter of a Lambertian surface; a lobe has another at the same S.
             raise ValueError(f"sigma0_db beside pattern = {self.pattern!r}; expected scattering_coefficient with it")
         if self.valid_ghz[0] > self.valid_ghz[1]:
             raise ValueError(f"valid_ghz = {self.valid_ghz}; expected [lower, upper]")

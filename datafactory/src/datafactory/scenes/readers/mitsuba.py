@@ -171,6 +171,7 @@ class Shape:
         return text
 
     def file(self, name: str) -> Path:
+        """Where a file of this name is: in the first folder that has it, else in the scene's own."""
         own = self.path.parent / name
         return next((folder / name for folder in self.folders if (folder / name).is_file()), own)
 

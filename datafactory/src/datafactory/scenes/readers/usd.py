@@ -39,8 +39,15 @@ from datafactory.scenes.readers.usd_labels import (
     prim_model,
     target_kind,
 )
-from datafactory.scenes.readers.usd_motion import Frame, Transforms, check_motion, instance_frames, source_path
-from datafactory.scenes.readers.usd_prims import PrimShape, has_shape, prim_shape, whole_numbers
+from datafactory.scenes.readers.usd_motion import (
+    Frame,
+    Transforms,
+    check_motion,
+    instance_frames,
+    note_instancer,
+    source_path,
+)
+from datafactory.scenes.readers.usd_prims import PrimShape, has_shape, prim_shape
 from datafactory.scenes.readers.usd_samples import Clock, bake_skinning
 from datafactory.scenes.readers.usd_stage import EVEN_UNDEFINED, open_usd_stage, usd_stage_to_world
 from datafactory.scenes.scene import LARGEST_RCS_DBSM, WORLD_AXES, ZERO, PointTarget, Scene, SceneObject
@@ -294,16 +301,7 @@ class _Reader:
         if depth >= MAXIMUM_NESTING:
             raise InputError(self._path, f"{path} lies within {depth} levels of instances", f"less than {depth}")
         inherited = replace(inherited, instancers=(*inherited.instancers, path))
-        for rate, samples in (("velocities", "positions"), ("angularVelocities", "orientations")):
-            stated = instancer.GetPrim().GetAttribute(rate).HasAuthoredValue()
-            self._notes.count(f"# point instancers have '{rate}', which are not used ({samples}' samples are)", stated)
-        chosen = instancer.GetProtoIndicesAttr(), instancer.GetIdsAttr(), instancer.GetInvisibleIdsAttr()
-        changes = any(
-            not np.array_equal(whole_numbers(attribute, Usd.TimeCode(code)), whole_numbers(attribute, self._start))
-            for attribute in chosen
-            for code in attribute.GetTimeSamples()
-        )
-        self._notes.count("# point instancers change which instances they have: taken as at the start", changes)
+        note_instancer(instancer, self._start, self._notes)
         try:
             frames = instance_frames(instancer, inherited.frame, self._transforms, PROTOTYPE_PRIMS)
         except ValueError as error:

@@ -211,6 +211,20 @@ def instance_frames(
     return frames
 
 
+def note_instancer(instancer: UsdGeom.PointInstancer, start: Usd.TimeCode, notes: Notes) -> None:
+    """Count what a point instancer states of its motion and is not used."""
+    for rate, samples in (("velocities", "positions"), ("angularVelocities", "orientations")):
+        stated = instancer.GetPrim().GetAttribute(rate).HasAuthoredValue()
+        notes.count(f"# point instancers have '{rate}', which are not used ({samples}' samples are)", stated)
+    chosen = instancer.GetProtoIndicesAttr(), instancer.GetIdsAttr(), instancer.GetInvisibleIdsAttr()
+    changes = any(
+        not np.array_equal(whole_numbers(attribute, Usd.TimeCode(code)), whole_numbers(attribute, start))
+        for attribute in chosen
+        for code in attribute.GetTimeSamples()
+    )
+    notes.count("# point instancers change which instances they have: taken as at the start", changes)
+
+
 def _instance_chains(
     instancer: UsdGeom.PointInstancer, frame: Frame, transforms: Transforms, prototypes: list[Usd.Prim], count: int
 ) -> Callable[[int, int], Chain | None]:
