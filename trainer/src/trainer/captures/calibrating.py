@@ -62,24 +62,30 @@ NEARBY_DEG, SCAN_DEG = 4.0, 0.05
 MIRRORED_DB = 6.0
 """A check that fits that much better on the other side has its sign of angle, or the board, the other way round."""
 
+UNEXPLAINED_DB = -3.0
+"""Half of a check's power: what calibration leaves, of another angle or board."""
+
 
 @dataclass(frozen=True)
 class Place:
     """A capture and where its reflector stands.
 
     :param angle_deg: azimuth, positive to the left
+    :param options: that state range and angle
     :raises InputError: numbers that are no place ahead
     """
 
     source: Path
     range_m: float
     angle_deg: float
+    options: tuple[str, str] = ("--range", "--angle")
 
     def __post_init__(self) -> None:
+        of_range, of_angle = self.options
         if not 0.0 < self.range_m <= FARTHEST_M:
-            raise InputError("--range", f"{self.range_m!r}", f"metres, more than 0 and at most {FARTHEST_M:g}")
+            raise InputError(of_range, f"{self.range_m!r}", f"metres, more than 0 and at most {FARTHEST_M:g}")
         if not -90.0 < self.angle_deg < 90.0:
-            raise InputError("--angle", f"{self.angle_deg!r}", "degrees between -90 and 90")
+            raise InputError(of_angle, f"{self.angle_deg!r}", "degrees between -90 and 90")
 
     @property
     def position(self) -> NDArray[np.float64]:
@@ -122,7 +128,7 @@ def calibrate(asked: CalibrateOptions) -> Calibration:
     out, board, check = asked.out, asked.board, None
     places = [Place(Path(item), *at) for item, *at in zip(asked.captures, asked.ranges, asked.angles, strict=True)]
     if asked.check is not None and asked.check_range is not None and asked.check_angle is not None:
-        check = Place(asked.check, asked.check_range, asked.check_angle)
+        check = Place(asked.check, asked.check_range, asked.check_angle, ("--check-range", "--check-angle"))
     require_new_file(out, ".toml")
     captures, lines = list[RawCapture](), list[str]()
     for place in places:
@@ -184,8 +190,8 @@ def _moving(capture: RawCapture, place: Place) -> list[str]:
     level = float(power_to_db(power[cell] / max(float(power[0]), np.finfo(np.float64).tiny)))
     if level < MOVES_DB:
         return []
-    speed = min(cell, waveform.chirps - cell) * waveform.velocity_step_mps
-    there = f"at {place.range_m:g} m something moves at {speed:.2f} m/s or faster"
+    slowest = (min(cell, waveform.chirps - cell) - 1) * waveform.velocity_step_mps  # the main lobe has three cells
+    there = f"at {place.range_m:g} m something moves at {slowest:.2f} m/s or faster"
     return [f"warning: {place.source}: {there}, {level:+.0f} dB beside what stands still"]
 
 
@@ -260,9 +266,11 @@ def _searched(chirp: NDArray[np.complex128]) -> NDArray[np.float64]:
     return np.asarray(np.mean(np.abs(_spectrum(chirp, SEARCHED)) ** 2, axis=1))
 
 
-def _response(capture: RawCapture, place: Place) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    """([C] F_c of the channels at its best nu, [C] those nu in range bins; NaN at the ends of the search)."""
-    chirp = _demodulated(capture, place)
+def _standing_at(capture: RawCapture, place: Place, chirp: NDArray[np.complex128]) -> float:
+    """The range bin, from the stated one, of the reflector in the averaged chirp [sample, C], see ``_demodulated``.
+
+    :raises InputError: none there
+    """
     power = _searched(chirp)
     peak = int(power.argmax())
     profile = np.mean(np.abs(np.fft.fft(unit_hann(len(chirp))[:, None] * chirp, axis=0)) ** 2, axis=1)
@@ -279,7 +287,13 @@ def _response(capture: RawCapture, place: Place) -> tuple[NDArray[np.complex128]
         told = f"the strongest echo of the capture stands at {range_m[np.where(ahead, profile, 0.0).argmax()]:.2f} m"
         expected = f"one {CLEAR_DB:g} dB above the median of the range profile and clear of others' sidelobes"
         raise InputError(place.source, f"{problem} ({told})", expected)
-    fine = SEARCHED[peak] + np.arange(-DELAY_BINS, DELAY_BINS + 0.5 * FINE_BINS, FINE_BINS)
+    return float(SEARCHED[peak])
+
+
+def _response(capture: RawCapture, place: Place) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+    """([C] F_c of the channels at its best nu, [C] those nu in range bins; NaN at the ends of the search)."""
+    chirp = _demodulated(capture, place)
+    fine = _standing_at(capture, place, chirp) + np.arange(-DELAY_BINS, DELAY_BINS + 0.5 * FINE_BINS, FINE_BINS)
     values = np.abs(_spectrum(chirp, fine)) ** 2
     at = np.clip(values.argmax(axis=0), 1, len(fine) - 2)
     channels = np.arange(chirp.shape[1])
@@ -292,14 +306,16 @@ def _response(capture: RawCapture, place: Place) -> tuple[NDArray[np.complex128]
 
 
 def residual(capture: RawCapture, place: Place, calibration: Calibration) -> Left:
-    """What a capture leaves after calibration."""
+    """What a capture leaves after calibration.
+
+    :raises InputError: no reflector at the stated place
+    """
     capture = _average(capture)
     calibrated = replace(capture, cube=calibration.applied(capture.cube, capture.radar))
     dead = sorted({*capture.dead, *calibration.dead_channels})
     alive = np.setdiff1d(np.arange(capture.radar.array.channels), dead)
     chirp = _demodulated(calibrated, place)[:, alive]
-    at = SEARCHED[_searched(chirp).argmax()]
-    factor = _spectrum(chirp, np.array([at]))[0]
+    factor = _spectrum(chirp, np.array([_standing_at(capture, place, chirp)]))[0]
     middle = capture.radar.waveform.mid_sweep_hz
     stated = _delays(capture.radar, place.position)[alive, 0]
 
@@ -321,6 +337,10 @@ def _told(place: Place, left: Left) -> list[str]:
     ]
     if left.mirrored_db < left.stated_db - MIRRORED_DB and left.mirrored_db < left.best_db - MIRRORED_DB:
         lines.append(f"warning: it leaves {left.mirrored_db:.1f} dB at {-place.angle_deg:g} deg: see --mirror")
+    elif left.best_db > UNEXPLAINED_DB:
+        lines.append(
+            "warning: that is most of its power: no list is worth anything after it; are angle and board right?"
+        )
     return lines
 
 

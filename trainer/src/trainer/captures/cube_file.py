@@ -190,9 +190,14 @@ def checked_cube(source: Path | str, cube: NDArray[Any], radar: Radar, several: 
         raise InputError(source, f"cube is {cube.dtype} {list(cube.shape)}", shape)
     if bad := int(np.count_nonzero(~np.isfinite(cube))):
         raise InputError(source, f"cube has {bad} values that are not finite", "finite samples")
+    require_moderate(source, cube)
+    return cube.reshape(-1, *expected).astype(np.complex64)
+
+
+def require_moderate(source: Path | str, cube: NDArray[np.complexfloating]) -> None:
+    """Refuse a cube with samples beyond :data:`LARGEST_SAMPLE`, with an InputError."""
     if (largest := np.abs(cube).max()) > LARGEST_SAMPLE:
         raise InputError(source, f"cube has samples of {largest:.3g}", f"at most {LARGEST_SAMPLE:g}")
-    return cube.reshape(-1, *expected).astype(np.complex64)
 
 
 def _fields(path: Path, name: str, text: str) -> dict[str, Any]:

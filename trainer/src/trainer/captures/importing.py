@@ -28,7 +28,7 @@ from trainer.captures.binary_files import (
 )
 from trainer.captures.calibration import Calibration, read_calibration
 from trainer.captures.cascade_calibration import read_cascade_calibration
-from trainer.captures.cube_file import Capture, Scale, measured_noise, write_cube
+from trainer.captures.cube_file import Capture, Scale, measured_noise, require_moderate, write_cube
 from trainer.captures.options import ImportOptions, Reading
 from trainer.captures.reading import SUFFIXES, read_arrays
 from trainer.captures.samples import (
@@ -162,6 +162,7 @@ def read_capture(source: Path, reading: Reading) -> RawCapture:
             expected = f"at most {full_scale} of front_end.converter.bits = {converter.bits}, or the bits of the file"
             raise InputError(source, f"samples of {largest:.0f} counts", expected)
         cube *= np.float32(np.sqrt(dbm_to_watt(converter.full_scale_dbm)) / full_scale)
+    require_moderate(source, cube)
     scale: Scale = "relative" if converter is None else "sqrt(W)"
     return RawCapture(cube, radar, digest, scale, dead_channels(cube), tuple(notes))
 
@@ -189,6 +190,9 @@ def _of_binary(
         notes += [said for file in files if (said := _cut_off(file, sizes))]
         digests = [sha256_of(file) for file in files]
         return cube, hashlib.sha256("".join(digests).encode()).hexdigest()
+    if source.is_dir():
+        expected = "a .bin file, or --board mmwcas or --layout cascade for the folder of a cascade"
+        raise InputError("CAPTURE", f"{source}, a folder, beside board {reading.board} and layout {layout}", expected)
     if not source.is_file():
         names = f"a .bin of a DCA1000, {', '.join(SUFFIXES)}, or the folder of {' and '.join(DEVICES)} of a cascade"
         raise InputError("CAPTURE", f"{source}", names)

@@ -50,6 +50,9 @@ REACH_BINS = 1.5
 """Where the neighbour is no centre, half a bin beyond it: a line farther away has its peak outside its group."""
 PLACED_BINS = 0.5
 """A line whose range its cells tell no better, half a bin, is the flank of a sidelobe, at whatever level fits."""
+UNSEEN_BINS = 0.25
+"""The same of a line in a neighbouring bin whose peaks leave its Doppler cell out: nothing measures it there, and what
+one bin more or less does to the level that fits is 6 dB and more."""
 SAME_ANGLE_CELLS = 0.5
 """Lines of different groups at most so far apart, in resolution cells of the array, are one target's: the Hann window's
 neighbours tell its angle to a fraction of that, and pairs half a cell apart are resolved within one group."""
@@ -255,7 +258,9 @@ def _shown(lines: Lines, centres: Centres, radar: Radar) -> NDArray[np.bool_]:
     """[N] whether a line lies in the field of view, is placed by its cells, and is nearest to its own centre."""
     axis, half_bin = radar.grid.u, 0.5 * radar.grid.step
     in_view = (lines.u >= axis[0] - half_bin) & (lines.u <= axis[-1] + half_bin)
-    placed = ~(lines.offset_std > PLACED_BINS)
+    beside = {side: centres.holding(centres.cell, centres.row + side) >= 0 for side in (-1, 1)}
+    seen = (np.abs(lines.offset) <= OWN_BINS) | np.where(lines.offset < 0.0, *(beside[s][lines.group] for s in (-1, 1)))
+    placed = ~(lines.offset_std > np.where(seen, PLACED_BINS, UNSEEN_BINS))
     at_a_centre = centres.are_at(lines.cell, np.rint(lines.place).astype(np.intp))
     return in_view & placed & (np.abs(lines.offset) <= np.where(at_a_centre, OWN_BINS, REACH_BINS))
 
