@@ -237,6 +237,40 @@ def test_no_reflector_there_is_one_line(bench: Bench) -> None:
     assert not (bench.folder / "c.toml").exists()
 
 
+def test_a_check_without_its_reflector_is_no_check(bench: Bench) -> None:
+    """It would leave all, and every echo after it would be model error."""
+    place, noise = bench.measure("a.npy", 4.0, 10.0, 0.01), np.random.default_rng(3)
+    shape = np.load(place.source).shape
+    np.save(bench.folder / "noise.npy", (noise.standard_normal((*shape, 2)) @ [1.0, 1.0j]).astype(np.complex64))
+    for check in (Place(bench.folder / "noise.npy", 5.0, 0.0), Place(place.source, 7.5, 10.0)):
+        with pytest.raises(InputError, match=rf"{check.source.name}: no reflector within .* m of {check.range_m:g} m"):
+            bench.calibrate([place], check=check)
+        assert not (bench.folder / "c.toml").exists()
+
+
+@pytest.mark.parametrize(("angle_deg", "told"), [(10.0, False), (40.0, True)])
+def test_a_check_that_is_hardly_explained_is_told(bench: Bench, angle_deg: float, told: bool) -> None:
+    lines: list[str] = []
+    first, other = bench.measure("a.npy", 4.0, 5.0, 0.01), bench.measure("b.npy", 5.0, 10.0, 0.01)
+    bench.calibrate([first], check=Place(other.source, 5.0, angle_deg), announce=lines.append)
+    assert any("are angle and board right?" in line for line in lines) == told
+
+
+@pytest.mark.parametrize(
+    ("range_m", "angle_deg", "message"),
+    [(-3.0, 0.0, "--check-range: -3.0; expected metres"), (5.0, 95.0, "--check-angle: 95.0; expected degrees")],
+)
+def test_a_check_nowhere_ahead_is_told_by_its_own_options(
+    bench: Bench, range_m: float, angle_deg: float, message: str
+) -> None:
+    first = bench.measure("a.npy", 4.0, 5.0, 0.01)
+    with pytest.raises(InputError, match=message):
+        calibrate(
+            captures=[first.source], ranges=[4.0], angles=[5.0], check=first.source, check_range=range_m,
+            check_angle=angle_deg, out=bench.folder / "c.toml", **bench.read,
+        )  # fmt: skip
+
+
 @pytest.mark.parametrize("bins", [-8, -6, -4.5, 4.5, 6, 8])
 def test_a_sidelobe_is_no_reflector(bench: Bench, bins: float) -> None:
     """Stated beside where it stands, without noise: sidelobes are all that is there."""
@@ -249,9 +283,11 @@ def test_a_sidelobe_is_no_reflector(bench: Bench, bins: float) -> None:
 @pytest.mark.parametrize(("cells", "moves"), [(0.0, False), (2.5, True)])
 def test_what_moves_in_the_reflector_s_range_bin_is_told(bench: Bench, cells: float, moves: bool) -> None:
     said: list[str] = []
-    place = bench.measure("a.npy", 4.0, 10.0, 0.05, speed_mps=cells * bench.radar.waveform.velocity_step_mps)
-    bench.calibrate([place], announce=said.append)
-    assert any("something moves at" in line for line in said) == moves
+    speed_mps = cells * bench.radar.waveform.velocity_step_mps
+    bench.calibrate([bench.measure("a.npy", 4.0, 10.0, 0.05, speed_mps=speed_mps)], announce=said.append)
+    told = [float(line.split("something moves at ")[1].split()[0]) for line in said if "something moves at" in line]
+    assert len(told) == moves
+    assert all(0.0 < slowest <= speed_mps for slowest in told)  # "or faster"
 
 
 def test_a_channel_far_behind_the_others_is_named(bench: Bench) -> None:

@@ -132,3 +132,17 @@ def test_other_lanes_are_doubted_and_refused_whatever_rx_are_on(
         said = f"refused: {refused}"
     assert said.startswith(told)
     assert (f"{lanes} its range profile is" in said) == bool(told), said
+
+
+def test_a_folder_for_a_single_file_is_told_what_it_may_be(tmp_path: Path) -> None:
+    radar_of(tmp_path, "iwr1642")
+    (tmp_path / "scene").mkdir()
+    with pytest.raises(InputError, match=r"scene, a folder, beside board iwr1642 and layout 2-lane; expected a \.bin"):
+        read(tmp_path, "scene", "iwr1642")
+
+
+def test_samples_that_predict_would_refuse_are_refused_at_once(tmp_path: Path) -> None:
+    radar = radar_of(tmp_path, "iwr1642")
+    np.save(tmp_path / "a.npy", (scene(radar)[0] * 1e16).astype(np.complex64))
+    with pytest.raises(InputError, match=r"a\.npy: cube has samples of .*e\+1\d; expected at most 1e\+12"):
+        read(tmp_path, "a.npy", "iwr1642")

@@ -20,7 +20,8 @@ from trainer.estimators.array import line_array
 from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.fitting import alternating
 from trainer.run.detection_files import records
-from trainer.run.detections import Detections, Sought, find_detections, line_probability
+from trainer.run.detections import Detections, Sought, _shown, find_detections, line_probability
+from trainer.run.targets_once import Centres, Lines
 
 ARRAY = ARRAYS["sparse6"]
 CHANNELS = choose_array("sparse6", RADAR).channels(RADAR)
@@ -162,6 +163,22 @@ def test_range_is_that_of_the_bin_where_no_neighbour_shows_the_target() -> None:
     assert found.range_m[0] == pytest.approx(150.0 * STEP)
     np.testing.assert_allclose(found.range_m / STEP, np.rint(found.range_m / STEP), rtol=1e-12)
     np.testing.assert_allclose(found.range_std, STEP / math.sqrt(12.0))
+
+
+@pytest.mark.parametrize(
+    ("held", "offset_std", "shown"), [(False, 0.44, False), (False, 0.2, True), (True, 0.44, True), (True, 0.6, False)]
+)
+def test_a_line_that_its_bin_does_not_measure_needs_a_better_range(held: bool, offset_std: float, shown: bool) -> None:
+    """1.39 bins above a centre, as ghosts of strong sidelobes stood; the bin between may hold the Doppler cell."""
+    cells = np.array([[0, 0, 0 if held else 7, 9]])
+    centres = Centres(cells, np.ones(cells.shape, bool), np.array([0]), np.array([1]))
+    one = np.ones(1)
+    line = Lines(
+        chirps=64, around=np.inf, place=2.39 * one, cell=np.array([0]), group=np.array([0]), energy=one, noise=one,
+        u=0.1 * one, offset=1.39 * one, level_db=one, u_std=0.01 * one, offset_std=offset_std * one, shift=0.0 * one,
+        shift_std=one,
+    )  # fmt: skip
+    assert _shown(line, centres, RADAR).tolist() == [shown]
 
 
 @pytest.mark.parametrize("seed", range(3))

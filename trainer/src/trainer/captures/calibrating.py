@@ -61,9 +61,8 @@ NEARBY_DEG, SCAN_DEG = 4.0, 0.05
 """Angles around the stated one where a check's best is sought."""
 MIRRORED_DB = 6.0
 """A check that fits that much better on the other side has its sign of angle, or the board, the other way round."""
-
 UNEXPLAINED_DB = -3.0
-"""Half of a check's power: what calibration leaves, of another angle or board."""
+"""A check of which calibration explains less than half is one of another place or board."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +125,8 @@ def calibrate(asked: CalibrateOptions) -> Calibration:
     :raises InputError: a capture that cannot be read or without a reflector at the stated place
     """
     out, board, check = asked.out, asked.board, None
-    places = [Place(Path(item), *at) for item, *at in zip(asked.captures, asked.ranges, asked.angles, strict=True)]
+    stated = zip(asked.captures, asked.ranges, asked.angles, strict=True)
+    places = [Place(Path(item), range_m, angle_deg) for item, range_m, angle_deg in stated]
     if asked.check is not None and asked.check_range is not None and asked.check_angle is not None:
         check = Place(asked.check, asked.check_range, asked.check_angle, ("--check-range", "--check-angle"))
     require_new_file(out, ".toml")

@@ -195,7 +195,11 @@ def checked_cube(source: Path | str, cube: NDArray[Any], radar: Radar, several: 
 
 
 def require_moderate(source: Path | str, cube: NDArray[np.complexfloating]) -> None:
-    """Refuse a cube with samples beyond :data:`LARGEST_SAMPLE`, with an InputError."""
+    """Refuse samples that are too large.
+
+    :param cube: of any shape
+    :raises InputError: a sample beyond :data:`LARGEST_SAMPLE`
+    """
     if (largest := np.abs(cube).max()) > LARGEST_SAMPLE:
         raise InputError(source, f"cube has samples of {largest:.3g}", f"at most {LARGEST_SAMPLE:g}")
 

@@ -214,7 +214,8 @@ class Example(NamedTuple):
     :param input: [D, R, C] complex64: the channels at the D strongest Doppler peaks of every range bin, with the
         receiver's noise [sqrt(W)]; the first peak is the strongest, and stands again where there are fewer
     :param image: [R, U] float32: the truth, noise free, relative to its peak; times ``metadata["image_peak"]`` it is
-        in sqrt(W). Range and u rise; a target on the left has u > 0.
+        in sqrt(W). Of a range bin it shows what is in its first Doppler peak. Range and u rise; a target on the left
+        has u > 0.
     :param metadata: ``frame_id``; ``kind``, "scene" or "points"; ``scene``; ``seed``; ``image_peak`` [sqrt(W)];
         ``noise_power`` of one channel in one range-Doppler cell [W]; ``velocity``, [D, R] float32, of the Doppler
         peaks [m/s], positive is receding; ``sensor_position`` [3] [m], ``sensor_velocity`` [3] [m/s] and
