@@ -49,7 +49,7 @@ def main() -> None:
     for run in runs:
         if not (run / VERDICT).is_file():
             changed = FitConfig.model_validate({"steps": STEPS, **VARIANTS[run.name]})
-            fit([dataset], run, config=changed, array=ARRAY, resume=(run / RUN_FILE).is_file())
+            fit([dataset], run, config=changed, array=ARRAY, start=None, resume=(run / RUN_FILE).is_file())
     evaluate(
         dataset, out=OUT / "evaluation", run=runs, methods=("das", "unet"), arrays=ARRAY,
         experiments=("detection", "resolution"), trials=TRIALS, resume=(OUT / "evaluation").is_dir(), announce=print,

@@ -100,6 +100,37 @@ def test_a_frame_that_does_not_fit_is_refused_by_name(change, message):
         to_record_batch([dataclasses.replace(make_frame(1), **change)], schema)
 
 
+@pytest.mark.parametrize(
+    ("column", "at", "value", "message"),
+    [
+        ("image", 7, np.nan, "frame 1: image has 1 values that are not finite; expected finite values"),
+        ("range_channel", 0, -np.inf, "frame 1: range_channel has 1 values"),
+        ("sensor_velocity", 2, np.inf, "frame 1: sensor_velocity has 1 values"),
+        ("noise_power", 0, -1.0, r"frame 1: noise_power = -1\.0; expected a finite number of at least 0"),
+        ("time", 0, np.nan, "frame 1: time = nan; expected a finite number"),
+    ],
+)
+def test_a_shard_of_another_writer_with_values_that_are_not_finite_is_refused_by_frame(
+    tmp_path, column, at, value, message
+):
+    path = tmp_path / "shard.parquet"
+    write(path, [make_frame(0), make_frame(1), make_frame(2)])
+    table = pq.read_table(path)
+    place = table.schema.get_field_index(column)
+    kind = table.schema.field(place)
+    rows = np.array(table.column(place).to_pylist(), np.float64).reshape(3, -1)
+    rows[1, at] = value
+    values = rows.ravel().astype(kind.type.value_type.to_pandas_dtype() if rows.shape[1] > 1 else np.float64)
+    array = pa.array(values)
+    array = pa.FixedSizeListArray.from_arrays(array, type=kind.type) if rows.shape[1] > 1 else array
+    pq.write_table(table.set_column(place, kind, array), path)
+    with pytest.raises(InputError, match=f"shard.parquet: {message}"):
+        list(read_frames(path))
+    with pytest.raises(InputError, match=f"shard.parquet: {message}"):
+        read_frame(path, 1)
+    assert read_frame(path, 0).frame_id == 0
+
+
 def test_description_keeps_what_is_added_but_lets_nothing_be_replaced(tmp_path):
     write(tmp_path / "shard.parquet", [make_frame(0)], truth_window="hann")
     assert read_description(tmp_path / "shard.parquet")["truth_window"] == "hann"

@@ -183,7 +183,7 @@ EVALUATE = [
     ("{data} --arrays full --out {here}/file", "--out: {here}/file: File exists"),
     ("{data} --arrays full --out {here}", "--out: {here} is not empty"),
     ("{data} --arrays full --out {here} --resume", "--out: {here} holds no cells/"),
-    ("{untested} --arrays full", "{untested}: no frames in split 'test'; expected one of ['train', 'validation']"),
+    ("{untested} --arrays full", "{untested}: no frames in split 'test'; expected a dataset with frames to test"),
     ("{here} --arrays full", "{here}/manifest.json: no such file"),
     ("", "arguments: neither a dataset nor --measured; expected one of both, or both"),
     ("none --run sparse4", "sparse4: no such folder; expected a run folder made by trainer fit, or --pre"),

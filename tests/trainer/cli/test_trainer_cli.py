@@ -5,7 +5,7 @@ import sys
 
 import pytest
 from command_line import ended
-from tiny_radar import small_dataset
+from tiny_radar import frame, small_dataset, write_dataset
 from tiny_run import make_run
 from typer.testing import CliRunner
 
@@ -58,13 +58,15 @@ def test_an_interrupted_command_says_how_to_go_on(monkeypatch, work, arguments, 
     assert (code, text) == (130, f"trainer: interrupted; {advice}\n")
 
 
-def test_names_are_printed_as_they_are(monkeypatch):
-    """Rich would make a picture of :car:, and take [0] for markup."""
+def test_names_are_printed_as_they_are(monkeypatch, tmp_path):
+    """Rich would make a picture of :car:, and take [0] for markup. The dataset has no frames to test."""
+    monkeypatch.chdir(tmp_path)
+    write_dataset(tmp_path / "a:smile:b", {"train": [frame(0)], "validation": [frame(1)]})
     monkeypatch.setattr("trainer.training.fit.fit", lambda out, announce, **_: announce(f"weights in {out}"))
     code, said, _ = ended("trainer", "fit", "a:smile:b", "--out", "out/:car:/[0]")
     assert code == 0
     assert said.startswith("weights in out/:car:/[0]\nrun in out/:car:/[0]; curves: ")
-    assert "trainer predict 'out/:car:/[0]' a:smile:b --out DIR" in said
+    assert "trainer predict 'out/:car:/[0]' a:smile:b --split all --out DIR" in said
 
 
 def test_what_an_interrupted_predict_advises_works(tmp_path, monkeypatch):

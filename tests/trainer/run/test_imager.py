@@ -12,6 +12,7 @@ from tiny_radar import NOISE_POWER, RADAR, TINY, frame, tiny
 from tiny_run import make_run
 from tiny_run import run as small_fit
 
+from shared.physics.errors import InputError
 from shared.radar import load_radar
 from shared.signal.adaptive import adaptive_tables
 from shared.signal.features import adaptive_features, row_features, snapshot_features
@@ -99,6 +100,8 @@ def test_onnx_gives_what_torch_gives(tmp_path, changes):
     snapshot = frame(5).range_channel[:1]
     noise = np.array([NOISE_POWER])
     features = imager.features(torch.from_numpy(snapshot), torch.from_numpy(noise))[0].numpy()
+    with pytest.raises(InputError, match=r"range_channel: shape \[.*, 4\]; expected \[frames, range bins, 6\]"):
+        imager(torch.from_numpy(snapshot[..., :4]), torch.from_numpy(noise))
     assert len(description["features"]) == features.shape[1]
     if imager.config.features != "paper":  # the deployed front end: NumPy alone
         channels = np.array([0, 1, 2, 5])

@@ -1,6 +1,7 @@
 """``trainer fit``: it learns, is repeatable, begins with other weights, keeps the best, takes first frames alone."""
 
 import json
+import shutil
 from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
@@ -194,13 +195,13 @@ BESIDES: dict[str, Any] = {"workers": 0, "check": False, "logger": "none"}
 
 
 def city(directory, frames=16):
-    """Every fourth frame is for validation."""
-    ids = range(frames)
+    """Every fourth frame is for validation. Cities of other names have other frames."""
+    made = [replace(frame(index), scene=directory.name) for index in range(frames)]
     return write_dataset(
         directory,
         {
-            "train": [frame(index) for index in ids if index % 4 != 3],
-            "validation": [frame(index) for index in ids if index % 4 == 3],
+            "train": [one for one in made if one.frame_id % 4 != 3],
+            "validation": [one for one in made if one.frame_id % 4 == 3],
         },
     )
 
@@ -225,6 +226,9 @@ def test_one_world_and_four_give_as_many_frames(tmp_path):
     assert len(one.validation) == len(four.validation) == 4
     assert [fingerprint.frames for fingerprint in four.fingerprints] == [{"train": 3, "validation": 1, "test": 0}] * 4
     assert [fingerprint.scenes for fingerprint in four.fingerprints] == [None] * 4
+    again = shutil.copytree(cities[1], tmp_path / "again")
+    with pytest.raises(InputError, match=r"again: the same shards as .*city-1; expected each dataset once; --weight"):
+        ImagingData([*cities, again], None, tiny(frames=4))
 
 
 @pytest.mark.parametrize(("first", "seen"), [(0, ["a", "b"]), (4, ["a"]), (8, ["a", "b"])])

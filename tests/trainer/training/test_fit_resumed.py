@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from lightning.pytorch import Trainer
 from safetensors.torch import load_file
 from tiny_radar import RADAR, TINY, frame, small_dataset, write_dataset
 from tiny_run import metrics, run
@@ -30,13 +31,13 @@ from trainer.training.task import ImagingTask
 
 @contextmanager
 def killed_at(task: type, step: str, when: Callable[[Any, int], bool]) -> Iterator[None]:
-    """The run within ends in this step of the task, where ``when(task, number of the batch)``."""
+    """The run within ends in this step of the task, where ``when(task, its last argument, a batch's number)``."""
     original = getattr(task, step)
 
-    def killed(self, batch, batch_index):
-        if when(self, batch_index):
+    def killed(self, *given):
+        if when(self, given[-1]):
             raise MemoryError("killed")
-        return original(self, batch, batch_index)
+        return original(self, *given)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(task, step, killed)
@@ -75,8 +76,16 @@ def test_an_interrupted_run_says_so_and_can_be_taken_up(dataset, tmp_path, monke
     assert [row["step"] for row in metrics(tmp_path / "run")] == ["0", "2", "4"]
 
 
-def test_a_run_killed_while_it_validates_validates_again(dataset, ordinary, tmp_path):
-    with killed_at(ImagingTask, "validation_step", lambda task, batch: task.trainer.global_step == 4 and batch == 1):
+@pytest.mark.parametrize(
+    ("owner", "step", "when"),
+    [
+        (ImagingTask, "validation_step", lambda task, batch: task.trainer.global_step == 4 and batch == 1),
+        # Its row stands in metrics.csv by then, and comes again.
+        (Trainer, "save_checkpoint", lambda trainer, _: trainer.global_step == 4),
+    ],
+)
+def test_a_run_killed_while_it_validates_validates_again(dataset, ordinary, tmp_path, owner, step, when):
+    with killed_at(owner, step, when):
         run(dataset, tmp_path / "killed")
     run(dataset, tmp_path / "killed", resume=True)
     assert metrics(tmp_path / "killed") == metrics(ordinary)
@@ -112,6 +121,8 @@ def test_what_a_resumed_run_must_not_change(dataset, ordinary, tmp_path):
     shutil.copytree(ordinary, tmp_path / "run")
     with pytest.raises(InputError, match=r"--resume: learning_rate is 0.5, but the run in .* had 0.003"):
         run(dataset, tmp_path / "run", TINY.model_copy(update={"learning_rate": 0.5}), resume=True)
+    with pytest.raises(InputError, match=r"--resume: processes is 2, but the run in .* had 1; expected"):
+        run(dataset, tmp_path / "run", devices=2, resume=True)
 
 
 def test_an_infinite_input_stops_with_its_frame_and_keeps_the_weights(dataset, tmp_path, monkeypatch):
@@ -227,6 +238,7 @@ def test_it_trains_resumes_predicts_and_exports(tmp_path):
     data = write_dataset(tmp_path / "data", frames, WIDE)
     lines: list[str] = []
     fit([data], tmp_path / "whole", config=DOA, array="full", announce=lines.append)
+    assert lines[0].endswith("array full; point targets drawn anew, no frames")
     with killed_at(DoaTask, "training_step", lambda _, batch: batch == 3):
         fit([data], tmp_path / "killed", config=DOA, array="full", announce=lines.append)
     fit([data], tmp_path / "killed", config=DOA, array="full", resume=True, announce=lines.append)

@@ -44,6 +44,8 @@ def test_a_file_states_fields_between_the_recipe_and_the_options(tmp_path: Path)
     found = configuration("recommended", {"width": 8, "batch": None}, path)
     assert (found.steps, found.width) == (50, 8)
     assert found.imperfections is not None
+    with pytest.raises(InputError, match="config: 3; expected a TOML file's path, or a FitConfig"):
+        configuration(config=3)  # type: ignore[arg-type]
     path.write_text('model = "doa-cnn"\n', encoding="utf-8")
     assert configuration("doa", None, path).steps == 4000
 

@@ -77,7 +77,7 @@ def test_a_network_grid_or_truth_of_another_kind_begins_with_random_weights(chan
 
 def test_a_fit_that_is_not_told_begins_with_them_and_says_so(dataset, tmp_path, shipped):
     still = TINY.model_copy(update={"learning_rate": 1e-30, "weight_decay": 0.0})
-    result, lines = run(dataset, tmp_path / "run", still, start=SHIPPED)
+    result, lines = run(dataset, tmp_path / "run", still)
     assert "begins with the weights that come with the package for ours; --from none: with random ones" in lines
     assert result.start is not None
     assert result.start.name == "ours"
@@ -87,7 +87,7 @@ def test_a_fit_that_is_not_told_begins_with_them_and_says_so(dataset, tmp_path, 
     assert all(torch.equal(tensor, weights[1][key]) for key, tensor in weights[0].items())
     run(dataset, tmp_path / "run", still, start=SHIPPED, resume=True)
     with pytest.raises(InputError, match=r"start is random weights, but the run in .* had ours \("):
-        run(dataset, tmp_path / "run", still, resume=True)
+        run(dataset, tmp_path / "run", still, start=None, resume=True)
 
 
 def test_a_network_that_is_told_the_motion_begins_with_weights_of_one_that_is_not(tmp_path, shipped):
@@ -120,7 +120,7 @@ def test_further_training_is_gentler_unless_told(dataset, tmp_path, shipped, sta
 
 
 def test_a_run_from_none_is_resumed_as_such(dataset, tmp_path, shipped):
-    run(dataset, tmp_path / "run")
-    _, lines = run(dataset, tmp_path / "run", start=SHIPPED, resume=True)
+    run(dataset, tmp_path / "run", start=None)
+    _, lines = run(dataset, tmp_path / "run", resume=True)
     assert read_run(tmp_path / "run").start is None
     assert not [line for line in lines if line.startswith("begins with")]

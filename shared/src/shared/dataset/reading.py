@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from shared.dataset import COMPLEX_ARRAYS, LATER, METADATA_KEY, SCALARS, VECTORS, Box, Frame, Target, row_bytes
 from shared.dataset.locations import Location, file_size, open_parquet
 from shared.dataset.manifest import check_version, require_as_written
-from shared.dataset.schema import BOX_FIELDS, COLUMNS, array_shapes, never_null
+from shared.dataset.schema import BOX_FIELDS, COLUMNS, POWERS, array_shapes, never_null
 from shared.physics.errors import InputError
 from shared.radar import FrontEnd, Radar, validated
 from shared.radar.arrays import AntennaArray
@@ -84,6 +84,7 @@ def read_frames(path: Location, columns: Sequence[str] | None = None) -> Iterato
         rows = max(1, BATCH_BYTES // max(1, row_bytes(shapes, wanted)))
         try:
             for batch in file.iter_batches(batch_size=rows, columns=wanted, use_threads=False):
+                require_finite(path, batch)
                 for row in range(len(batch)):
                     yield frame_from_row(batch, row, shapes)
         except _READ_ERRORS as error:
@@ -97,7 +98,9 @@ def read_frame(path: Location, row: int, columns: Sequence[str] | None = None) -
         wanted = _wanted_columns(path, file, columns)
         if not 0 <= row < file.metadata.num_rows:
             raise InputError(path, f"row {row}", f"a row from 0 to {file.metadata.num_rows - 1}")
-        return frame_from_row(read_row(path, file, row, wanted), 0, shapes)
+        batch = read_row(path, file, row, wanted)
+    require_finite(path, batch)
+    return frame_from_row(batch, 0, shapes)
 
 
 def read_row(path: Location, file: pq.ParquetFile, row: int, columns: Sequence[str]) -> pa.RecordBatch:
@@ -115,6 +118,31 @@ def read_row(path: Location, file: pq.ParquetFile, row: int, columns: Sequence[s
         raise InputError(path, f"damaged: {error}", "a shard as it was written") from error
     (batch,) = table.slice(row - first, 1).combine_chunks().to_batches()
     return batch
+
+
+def require_finite(path: Location, batch: pa.RecordBatch) -> None:
+    """Refuse what no writer of this package lets pass and another's may: found here, it has a shard and a frame.
+
+    :param batch: rows of a shard, ``frame_id`` among their columns
+    :raises InputError: a number that is not finite, or a power below 0, naming shard, frame and column
+    """
+    for name, column in zip(batch.schema.names, batch.columns, strict=True):
+        values = column.flatten() if pa.types.is_fixed_size_list(column.type) else column
+        if not pa.types.is_floating(values.type):
+            continue
+        numbers = np.from_dlpack(values).reshape(len(batch), -1)
+        least = 0.0 if name in POWERS else -np.inf
+        # The extremes are not finite where any number is not: no array of flags for what is whole.
+        low, high = numbers.min(initial=0.0), numbers.max(initial=0.0)
+        if np.isfinite(low + high) and low >= least:
+            continue
+        wrong = ~np.isfinite(numbers) | (numbers < least)
+        row = int(np.argmax(wrong.any(axis=1)))
+        where, count = f"frame {batch.column('frame_id')[row].as_py()}", np.count_nonzero(wrong[row])
+        if name in SCALARS or name in LATER:
+            wanted = f"a finite number{' of at least 0' if name in POWERS else ''}"
+            raise InputError(path, f"{where}: {name} = {numbers[row, 0]}", wanted)
+        raise InputError(path, f"{where}: {name} has {count} values that are not finite", "finite values")
 
 
 def radar_of(description: Mapping[str, Any], source: object = "description") -> Radar:

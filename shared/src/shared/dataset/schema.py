@@ -38,6 +38,8 @@ COMPLEX_ARRAYS = ("range_channel", "cube")
 """Array columns of complex64, stored as float pairs; the other array columns are float32."""
 
 SCALARS = ("frame_id", "kind", "scene", "seed", "image_peak", "noise_power")
+POWERS = ("image_peak", "noise_power")
+"""Scalar columns that are at least 0."""
 LATER = {"time": math.nan, "sequence": -1}
 """Scalar columns that came later, with what a frame of a dataset without them has: its time is not known."""
 
@@ -324,7 +326,7 @@ def _scalar(frame: Frame, name: str) -> int | float | str:
     value = getattr(frame, name)
     if name == "kind" and value not in KINDS:
         raise InputError(f"frame {frame.frame_id}", f"kind = {value!r}", f"one of {list(KINDS)}")
-    if name in ("image_peak", "noise_power") and not (math.isfinite(value) and value >= 0.0):
+    if name in POWERS and not (math.isfinite(value) and value >= 0.0):
         raise InputError(f"frame {frame.frame_id}", f"{name} = {value!r}", "a finite number of at least 0")
     if name == "time" and not math.isfinite(value):
         raise InputError(f"frame {frame.frame_id}", f"{name} = {value!r}", "a finite number")

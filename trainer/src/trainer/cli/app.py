@@ -65,7 +65,7 @@ def _told(asked: AnnouncingOptions) -> dict[str, Any]:
 @asking(FitRequest)
 def fit(asked: FitRequest) -> None:
     """Train a network on datasets of the factory."""
-    from shared.dataset.locations import locate
+    from shared.dataset.folder import open_dataset
     from trainer.training.fit import fit as run_fit
     from trainer.training.processes import is_first
 
@@ -73,8 +73,9 @@ def fit(asked: FitRequest) -> None:
     if not is_first():
         return
     # The located name is shown: a URI as given may hold a key.
-    data, run = shlex.quote(str(locate(asked.datasets[0]))), shlex.quote(str(asked.out))
-    next_command = f"trainer predict {run} {data} --out DIR"
+    dataset, run = open_dataset(asked.datasets[0], check_sizes=False), shlex.quote(str(asked.out))
+    split = "" if "test" in dataset.splits else " --split all"
+    next_command = f"trainer predict {run} {shlex.quote(str(dataset.path))}{split} --out DIR"
     curves = f"curves: tensorboard --logdir {run}; " if asked.logger == TENSORBOARD else ""
     plain_console().print(f"run in {asked.out}; {curves}next: {next_command}")
 

@@ -21,7 +21,7 @@ from shared.dataset import COMPLEX_ARRAYS, LATER
 from shared.dataset.folder import Dataset, open_dataset
 from shared.dataset.locations import Location, locate
 from shared.dataset.manifest import MANIFEST
-from shared.dataset.reading import box_of, open_shard, radar_of, read_row
+from shared.dataset.reading import box_of, open_shard, radar_of, read_row, require_finite
 from shared.physics.errors import InputError
 from trainer.data.arrays import choose_array
 
@@ -153,7 +153,7 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
         :returns: the columns asked for, e.g. ``range_channel`` complex64 [D, R, C] [sqrt(W)], ``image`` float32 [R, U]
             relative to its peak, and the scalars ``image_peak`` [sqrt(W)] and ``noise_power`` [W], both float64, and
             ``frame_id``, int64
-        :raises InputError: a shard that cannot be read, by its path
+        :raises InputError: a shard that cannot be read, by its path; a number that is not finite, by its frame too
         """
         return self.frame(index)[0]
 
@@ -181,7 +181,9 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
 
     def _read(self, index: int) -> pa.RecordBatch:
         path, row = self._rows[index]
-        return read_row(path, self._shard(path), row, [*SCALARS, *self.facts, *self.columns])
+        batch = read_row(path, self._shard(path), row, [*SCALARS, *self.facts, *self.columns])
+        require_finite(path, batch)
+        return batch
 
     def _shard(self, path: Location) -> pq.ParquetFile:
         if path not in self._open:

@@ -182,6 +182,8 @@ def open_bench(source: Location | str, config: EvaluationConfig) -> tuple[Bench,
     names = [array.name for array in arrays]
     if twice := [name for index, name in enumerate(names) if name in names[:index]]:
         raise InputError("--arrays", f"{twice[0]!r} twice", "every array once, files of different names")
+    if "test" not in dataset.splits:
+        raise InputError(source, "no frames in split 'test'", "a dataset with frames to test, as of --split 3:1:1")
     refs, left_out = frame_refs(dataset, "test", config.frames)
     contenders = gather(config.methods, config.runs, arrays, radar, dataset.path)
     fingerprint = Fingerprint.of(dataset.path, dataset.records, {})

@@ -165,7 +165,10 @@ class Start(BaseModel, frozen=True, extra="forbid"):
 
 
 class Run(Told, BaseModel, frozen=True, extra="forbid"):
-    """All that is needed to use a run's weights, and to say where they come from."""
+    """All that is needed to use a run's weights, and to say where they come from.
+
+    :param processes: that trained together: a batch is that many times as large
+    """
 
     version: int = RUN_VERSION
     config: FitConfig
@@ -175,6 +178,7 @@ class Run(Told, BaseModel, frozen=True, extra="forbid"):
     weights: tuple[float, ...] | None = None
     versions: dict[str, str] = {}
     start: Start | None = None
+    processes: int = 1
 
     def __str__(self) -> str:
         seen = "; ".join(

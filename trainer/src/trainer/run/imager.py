@@ -182,6 +182,7 @@ class Imager(nn.Module):
                 self.register_buffer(name, torch.from_numpy(table), persistent=False)
         self.network = build_network(config, radar, channels)
         self.gain = 1.0
+        self._all_channels = radar.array.channels
 
     def features(
         self, range_channel: torch.Tensor, noise_power: torch.Tensor, model_error: ModelError = 0.0
@@ -193,7 +194,11 @@ class Imager(nn.Module):
         :param range_channel: [B, R, C] complex64, all channels of the radar [sqrt(W)]
         :param noise_power: [B] [W]
         :param model_error: see :data:`shared.signal.features.ModelError`; part of the noise wherever an input has it
+        :raises InputError: another number of channels
         """
+        if range_channel.ndim != 3 or range_channel.shape[-1] != self._all_channels:
+            expected = f"[frames, range bins, {self._all_channels}], all channels of the radar"
+            raise InputError("range_channel", f"shape {list(range_channel.shape)}", expected)
         with torch.no_grad(), torch.autocast(range_channel.device.type, enabled=False):
             chosen = range_channel[..., self.channels]
             if self.config.features == "snapshots":

@@ -105,17 +105,22 @@ class RunKeeper(Callback):
     def _report(self, trainer: Trainer, pl_module: LightningModule, values: dict[str, float], improved: bool) -> None:
         row: dict[str, Any] = {"step": trainer.global_step, **values}
         first = trainer.sanity_checking  # also of a run that was killed before its first checkpoint
-        with (self.directory / METRICS).open("w" if first else "a", newline="", encoding="utf-8") as file:
+        earlier = [] if first else self._rows_before(trainer.global_step)
+        with atomic(self.directory / METRICS) as partial, partial.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, METRICS_COLUMNS)
-            if first:
-                writer.writeheader()
-            writer.writerow({name: row.get(name, "") for name in METRICS_COLUMNS})
+            writer.writeheader()
+            writer.writerows([*earlier, {name: row.get(name, "") for name in METRICS_COLUMNS}])
         shown = "  ".join(f"{name} {row[name]:.4g}" for name in METRICS_COLUMNS[1:] if name in row)
         remark = "  (best)" if improved else f"  ends: the {self.waited}. without gain" if self._stops else ""
         self.announce(f"step {trainer.global_step}  {shown}{remark}")
         if improved:
             assert isinstance(pl_module, ImagingTask)
             save_weights(self.directory, pl_module.imager, values.get(VALIDATION_GAIN, 1.0))
+
+    def _rows_before(self, step: int) -> list[dict[str, str]]:
+        """A run that was killed between a row and its checkpoint has later ones, which come again."""
+        with (self.directory / METRICS).open(newline="", encoding="utf-8") as file:
+            return [row for row in csv.DictReader(file) if int(row["step"]) < step]
 
 
 def require_checkpoint(path: Path) -> None:
@@ -137,7 +142,7 @@ def require_checkpoint(path: Path) -> None:
 def not_restored(path: Path, error: Exception) -> InputError:
     """A checkpoint that cannot be read, or is of something else, in one line."""
     reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
-    wanted = "the last checkpoint of this run; without it the run begins anew in another folder"
+    wanted = "the last checkpoint of this run; without that file --resume begins the run anew"
     return InputError(path, f"cannot be restored: {reason}", wanted)
 
 

@@ -71,6 +71,7 @@ class ImagingData(LightningDataModule):
             _fingerprint(dataset, len(training), len(validating or ()), config.frames)
             for dataset, training, validating in zip(opened, self.training, validation, strict=True)
         )
+        _require_different(self.fingerprints, folders)
 
     def train_dataloader(self) -> DataLoader:
         order = task_of(self).unseen_batches([len(dataset) for dataset in self.training], self.weights)
@@ -132,6 +133,16 @@ def _validation(dataset: Dataset, first: int) -> ShardDataset | None:
     if first and all(frame.frame_id >= first for frame in dataset.frames("validation", ())):
         return None
     return ShardDataset(dataset.path, "validation", COLUMNS, first=first)
+
+
+def _require_different(fingerprints: Sequence[Fingerprint], folders: Sequence[Location]) -> None:
+    """Frames that stand twice would be judged twice."""
+    first: dict[str, Location] = {}
+    for one, folder in zip(fingerprints, folders, strict=True):
+        if one.sha256 in first:
+            expected = "each dataset once; --weight gives one a larger share"
+            raise InputError(folder, f"the same shards as {first[one.sha256]}", expected)
+        first[one.sha256] = folder
 
 
 def _fingerprint(dataset: Dataset, training: int, validating: int, first: int) -> Fingerprint:

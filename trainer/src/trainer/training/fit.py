@@ -62,6 +62,8 @@ DEVELOPER_ADVICE = (
 """Warnings of Lightning that no user of this package can act on."""
 
 
+ONLINE = "doa-cnn"
+"""The model that is trained on targets drawn while it trains, of the datasets' radar."""
 FURTHER_RATE = 2e-4
 """Learning rate of training that begins with the weights of a run, where none is stated.
 
@@ -91,8 +93,8 @@ def fit(request: FitRequest) -> Run:
     out, first = request.out, is_first()
     with output_folder(out, request.resume, "an empty or new folder, or --resume") if first else follower():
         data = ImagingData(request.datasets, request.weights, config, request.workers, request.check)
-        run, start, said = _begun(request, config, data)
-        online = run.config.model == "doa-cnn"
+        run, start, said = _begun(request, config, data, math.prod(launch))
+        online = run.config.model == ONLINE
         task = (DoaTask if online else ImagingTask)(run.config, run.radar, run.array)
         if start is not None:
             begin_with(task.imager, run.config, start)
@@ -131,7 +133,7 @@ def fit(request: FitRequest) -> Run:
         return run
 
 
-def _begun(request: FitRequest, config: FitConfig, data: ImagingData) -> tuple[Run, Path | None, str]:
+def _begun(request: FitRequest, config: FitConfig, data: ImagingData, processes: int) -> tuple[Run, Path | None, str]:
     """(the run, that whose weights it begins with, what to say of a start that was not stated)."""
     array = choose_array(request.array, data.radar)
     config = config.model_copy(update={"truth_window": data.truth_window})
@@ -150,6 +152,7 @@ def _begun(request: FitRequest, config: FitConfig, data: ImagingData) -> tuple[R
         weights=tuple(request.weights) if request.weights else None,
         versions=versions(),
         start=None if start is None else Start.of(start),
+        processes=processes,
     )
     return run, start, said
 
@@ -157,8 +160,9 @@ def _begun(request: FitRequest, config: FitConfig, data: ImagingData) -> tuple[R
 def _summary(run: Run, task: LightningModule) -> str:
     parameters = sum(parameter.numel() for parameter in task.parameters())
     frames = ", ".join(f"{f.name}: {f.frames['train']} + {f.frames['validation']}" for f in run.datasets)
+    seen = "point targets drawn anew, no frames" if run.config.model == ONLINE else f"train + validate frames: {frames}"
     model, array = run.config.model, run.array.name
-    said = f"{model}, {parameters} parameters; array {array}; train + validate frames: {frames}"
+    said = f"{model}, {parameters} parameters; array {array}; {seen}"
     remarks = run.array.left_out(run.radar), precision_remark([run.config])
     return "; ".join(filter(None, (said, *remarks)))
 
@@ -207,7 +211,7 @@ def _prepare(out: Path, run: Run, resume: bool, announce: Callable[[str], object
         return
     before = read_run(out)
     _same(out, "start", *(f"{each.start or 'random weights'}" for each in (before, run)))
-    for part in ("config", "radar", "array", "weights"):
+    for part in ("config", "radar", "array", "weights", "processes"):
         _same(out, part, getattr(before, part), getattr(run, part))
     # The same shards in a folder of another name are the same data.
     had, has = ([(one.sha256, one.frames, one.scenes) for one in each.datasets] for each in (before, run))

@@ -69,9 +69,9 @@ class FitRequest(AnnouncingOptions):
         "Train and validate with the first N frames of each dataset; 0: all.", otherwise="0")] = None
     start: Annotated[Path | str | None, Option(
         "Begin with the weights of this run, of a network that comes with the package, or with random ones.",
-        f"Also None for random ones, or {SHIPPED!r}: those that come with the package where they fit.",
+        f"Also None for random ones; {SHIPPED!r}: those that come with the package where they fit.",
         typed=str, flag="--from", metavar="|".join(("RUN", *pretrained_names(), NO_START)), read=start_of,
-        there=SHIPPED, otherwise="the shipped weights where they fit")] = None
+        otherwise="the shipped weights where they fit")] = SHIPPED
     seed: Annotated[int | None, Option(
         "Same seed, same weights on one device.", least=0, most=LARGEST_SEED, otherwise="0")] = None
     weights: Annotated["Sequence[float] | None", Option(

@@ -64,7 +64,9 @@ def configuration(
     stated = {name: value for name, value in (given or {}).items() if value is not None}
     if isinstance(config, FitConfig):
         return validated(FitConfig, config.model_dump(exclude_unset=True) | stated, "trainer fit")
-    from_file = {} if config is None else _fields_of(config)
+    if not isinstance(config, str | Path | None):
+        raise InputError("config", repr(config), "a TOML file's path, or a FitConfig")
+    from_file = {} if config is None else _fields_of(Path(config))
     source = "trainer fit" if config is None else f"trainer fit with {config}"
     device = GPU if torch.cuda.is_available() else {"precision": "bf16" if has_bfloat16() else "32"}
     found = validated(FitConfig, {**device, **RECIPES[recipe], **from_file, **stated}, source)
