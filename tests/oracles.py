@@ -90,7 +90,7 @@ def if_chirp(paths: PathTable, radar: Radar, array: AntennaArray, channel: tuple
     waveform = radar.waveform
     slope = waveform.bandwidth_hz / waveform.chirp_duration_s
     fast_time = np.arange(waveform.samples) * waveform.chirp_duration_s / waveform.samples
-    tx, rx = np.array(array.tx_m)[channel[0]], np.array(array.rx_m)[channel[1]]
+    tx, rx = np.array(array.tx_m[channel[0]]), np.array(array.rx_m[channel[1]])
     turn = channel[0] * waveform.chirp_interval_s / len(array.tx_m) if waveform.multiplexing == "tdm" else 0.0
     time_s = chirp * waveform.chirp_interval_s + turn
     tau = delays(paths, tx, rx, time_s)

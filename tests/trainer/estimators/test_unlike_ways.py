@@ -10,15 +10,17 @@ from shared.radar import Radar, load_radar
 from trainer.estimators.array import LineArray, line_array
 from trainer.estimators.unlike_ways import unlike_ways_db
 
+Directions = float | NDArray[np.float64]
 WAYS = ((-0.6, 0.3), (0.05, -0.2), (0.8, -0.75))
 
 
-def echo(radar: Radar, array: LineArray, leaving: float, arriving: float) -> NDArray[np.complex128]:
-    """[C] by the places of each channel's TX and RX."""
+def echo(radar: Radar, array: LineArray, leaving: Directions, arriving: Directions) -> NDArray[np.complex128]:
+    """[C] by the places of each channel's TX and RX; [L, A, C] of L directions left in and A arrived from."""
     assert array.elements is not None
-    tx, rx = array.elements
-    places = leaving * radar.array.tx[tx, 1] + arriving * radar.array.rx[rx, 1]
-    return np.exp(-2j * np.pi / array.wavelength_m * places)
+    places = (radar.array.tx[array.elements[0], 1], radar.array.rx[array.elements[1], 1])
+    turns = zip((leaving, arriving), places, strict=True)
+    out, back = (np.exp(-2j * np.pi / array.wavelength_m * np.multiply.outer(u, place)) for u, place in turns)
+    return out * back if np.ndim(leaving) == 0 else out[:, None] * back
 
 
 @pytest.mark.parametrize("name", ["sparse6", "sparse4", "full"])
@@ -31,7 +33,7 @@ def test_the_search_in_two_steps_finds_what_one_over_all_pairs_finds(name: str) 
         for k in range(24)
     ]
     grid = np.linspace(-1.0, 1.0, 401)
-    every = np.stack([[echo(RADAR, array, t, r) for r in grid] for t in grid])
+    every = echo(RADAR, array, grid, grid)
     for cell, found in zip(drawn, unlike_ways_db(np.array(drawn), array), strict=True):
         power = np.abs(every.conj() @ cell) ** 2
         expected = float(power_to_db(power.max() / np.diagonal(power).max()))

@@ -69,12 +69,14 @@ def _kinds(annotation: object) -> set[object]:
 
 
 def _values(given: object, place: Place) -> Iterator[tuple[Place, object]]:
-    """A value, or the entries of a list with their places in it."""
-    if not isinstance(given, list | tuple):
-        yield place, given
-        return
-    for index, entry in enumerate(given):
-        yield from _values(entry, (*place, index))
+    """A value, or the entries of a list with their places in it, in their order."""
+    left = [(place, given)]
+    while left:
+        where, value = left.pop()
+        if isinstance(value, list | tuple):
+            left += [((*where, index), entry) for index, entry in enumerate(value)][::-1]
+        else:
+            yield where, value
 
 
 def first_validation_error(error: ValidationError, place: str = "", keys: Iterable[str] = ()) -> tuple[str, str]:
