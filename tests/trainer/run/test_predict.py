@@ -278,7 +278,7 @@ def test_the_command_goes_before_the_file_and_the_file_before_the_frame(tmp_path
     told, _ = motion(velocity=(2.0, 1.0), mounting_yaw_deg=-90.0)
     assert (told["forward"], told["left"]) == pytest.approx((-1.0, 2.0))
     for text, problem in [
-        ('{"velocity": [1.0]}', "velocity"), ("{", "not readable as JSON"),
+        ('{"velocity": [1.0]}', r"velocity\.1 missing; expected a value"), ("{", "not readable as JSON"),
         ('{"velocity": [[1, 0], [2, 0]]}', "2 velocities"), ('{"velocity": [1, 0], "yaw": 3}', "unknown field yaw"),
     ]:  # fmt: skip
         side.write_text(text)

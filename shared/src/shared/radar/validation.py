@@ -86,7 +86,9 @@ def first_validation_error(error: ValidationError, place: str = "", keys: Iterab
     :param keys: the fields that there are, named where one is unknown
     """
     fault = error.errors(include_url=False)[0]
-    field = place + ".".join(str(part) for part in fault["loc"]) if fault["loc"] else "document"
+    # Of a field that may be of several types pydantic names the one that it tried, as tuple[float, float].
+    parts = [str(part) for part in fault["loc"] if "[" not in str(part)]
+    field = place + ".".join(parts) if parts else "document"
     if fault["type"] == "extra_forbidden":
         known = list(keys)
         near = meant(str(fault["loc"][-1]), known)
