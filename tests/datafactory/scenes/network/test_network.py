@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from factory_command import refused, run
+from oracles import reference_file
 from road_networks import ARC_M, GRADE, LANE_M, LINE_M, OSM, OTHER_M, RADIUS_M, opendrive
 from scene_solids import triangles_of
 
@@ -174,7 +175,45 @@ def test_vehicles_drive_on_lanes_the_way_they_face(own: Network, built: tuple[li
             place = np.add(one.position[:2], middle)
             nearest = np.argmin(np.linalg.norm(lanes[:, :2] - place, axis=1))
             assert np.linalg.norm(lanes[nearest, :2] - place) < 1.5
-            assert one.position[2] == pytest.approx(lanes[nearest, 2], abs=0.1)
+            assert one.position[2] == pytest.approx(lanes[nearest, 2], abs=0.02)
+
+
+def test_ways_over_junctions_begin_where_their_lanes_end(tmp_path: Path) -> None:
+    """Traffic would jump aside. A way may be of two parts, one behind the other."""
+    network = read_network(reference_file("opendrive", "Town07.xodr"), "opendrive", tmp_path)
+    ends = np.array([lane.points[-1, :2] for lane in network.lanes])
+    ways = [lane for lane in network.lanes if lane.junction]
+    assert len(ways) > 200
+    for way in ways:
+        assert np.linalg.norm(ends - way.points[0, :2], axis=1).min() < 0.05
+
+
+def test_no_vehicle_passes_through_what_stands_beside_the_road(tmp_path: Path) -> None:
+    """Buses that cut corners did."""
+    network = read_network(reference_file("opendrive", "Town07.xodr"), "opendrive", tmp_path)
+    placements, moving = town(network, 5, Style.MOTORWAY, (-60.0, 60.0), 240.0, tmp_path)
+    assert moving > 10
+    still = {
+        item.path: rotated(item.surface.vertices, math.radians(item.yaw_deg)) + item.position
+        for item in placements
+        if item.surface is not None and not item.keyframes and not item.path.startswith("Ground/")
+    }
+    assert len(still) > 50
+    for item in placements:
+        for key in item.keyframes[::3]:
+            assert item.surface is not None
+            size = item.surface.vertices
+            turn = math.radians(-key.yaw_deg)
+            for path, shape in still.items():
+                if math.dist(shape[0, :2], key.position[:2]) < 20.0:
+                    within = rotated(shape - key.position, turn)
+                    inside = ((within > size.min(axis=0) + 0.02) & (within < size.max(axis=0) - 0.02)).all(axis=1)
+                    assert not inside.any(), f"{item.path} at {key.time_s} s in {path}"
+
+
+def rotated(points: np.ndarray, angle: float) -> np.ndarray:
+    sine, cosine = math.sin(angle), math.cos(angle)
+    return points @ np.array([(cosine, sine, 0.0), (-sine, cosine, 0.0), (0.0, 0.0, 1.0)])
 
 
 @pytest.mark.parametrize("style", [Style.OLD_TOWN, Style.SUBURB, Style.INDUSTRIAL, Style.MOTORWAY])
@@ -238,6 +277,7 @@ def test_openstreetmap_goes_the_same_way(folder: Path) -> None:
         ("<OpenDRIVE><header/></OpenDRIVE>", [], ("netconvert: Error", "with roads")),
         (None, [], ("no such file",)),
         (opendrive(), ["--centre", "5000,0"], ("no road within", "--centre")),
+        (opendrive().replace('junction="100">', 'junction="100" rule="LHT">', 1), [], ("has rule LHT", "keeps right")),
     ],
 )
 def test_what_is_wrong_is_one_line(

@@ -7,6 +7,8 @@ from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree
 
+from shared.physics.errors import InputError
+
 CURVE_STEP_M = 1.0
 """Between the points of a curve: an arc of 10 m radius is off by 1.3 cm at most."""
 UNITS_MPS = {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704}
@@ -35,16 +37,20 @@ def limited(path: Path, folder: Path) -> Path:
 
     :param folder: where it is written
     :return: ``path`` where no road has a limit, or where netconvert is to say what is wrong with the file
+    :raises InputError: traffic that keeps left, which netconvert would drive against its lanes
     """
     try:
         root = ElementTree.parse(path).getroot()
         for item in root.iter():  # without a namespace, which ElementTree would write as a prefix
             item.tag = item.tag.rpartition("}")[2]
+        left = [road.get("id", "") for road in root.iter("road") if road.get("rule") == "LHT"]
         roads = [road for road in root.iter("road") if road.find("type/speed") is not None]
         for road in roads:
             _limit_lanes(road)
     except (OSError, SyntaxError, ValueError, LookupError):
         return path
+    if left:
+        raise InputError(path, f"road {left[0]!r} has rule LHT", "traffic that keeps right, which alone is simulated")
     if not roads:
         return path
     ElementTree.ElementTree(root).write(folder / "limited.xodr", encoding="utf-8", xml_declaration=True)

@@ -35,6 +35,8 @@ LAND = {Style.INDUSTRIAL: "bitumen", Style.CAR_PARK: "bitumen"}
 """The same asphalt under a name that is no road's: else all that lies between the roads would be one."""
 HEADROOM_M = 2.0
 """What hangs higher than this may reach over a road or a pavement: a lamp's arm, a balcony."""
+PASSES_M = 3.5
+"""What hangs higher than this no vehicle touches."""
 KINDS = {"Lorry": ("Lorries", "Lorry"), "Bus": ("Buses", "Bus")}
 """Group and kind of the vehicles that are no cars."""
 
@@ -106,7 +108,31 @@ def town(
             group, kind = KINDS.get(model, ("Cars", "Car"))
             site.add(group, kind, model, keys[0].position, keys[0].yaw_deg, keys)
             moving += 1
-    return site.placements, moving
+    return _out_of_the_way(site), moving
+
+
+def _out_of_the_way(site: Site) -> list[Placement]:
+    """Without what stands where a vehicle passes: a bus cuts corners over what is beside the road."""
+    import shapely
+
+    def outline(what: str | Surface, position: tuple[float, float, float], yaw_deg: float) -> Any:
+        bodies = [body for body in site.footprints(what, position, yaw_deg) if body.low - position[2] < PASSES_M]
+        return shapely.union_all([shapely.Polygon(body.ground.corners()) for body in bodies])
+
+    swept = []
+    for item in site.placements:
+        passed = [outline(item.model, key.position, key.yaw_deg) for key in item.keyframes]
+        swept += [shapely.union(*pair).convex_hull for pair in pairwise(passed)]
+    driven = shapely.union_all(swept)
+    shapely.prepare(driven)
+
+    def stays(item: Placement) -> bool:
+        what = item.model or item.surface
+        if item.keyframes or what is None or item.path.startswith("Ground/"):
+            return True
+        return not driven.intersects(outline(what, item.position, item.yaw_deg))
+
+    return [item for item in site.placements if stays(item)]
 
 
 class _Beside:
