@@ -72,6 +72,7 @@ REFUSED = [
         for given in (
             ("--variant", "a=b"),
             ("--allow-missing",),
+            ("--frames", "0"),
             ("--materials", "x"),
             ("--poses", POSES),
             ("--frames", "8"),

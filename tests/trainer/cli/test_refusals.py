@@ -190,6 +190,7 @@ EVALUATE = [
     ("none --range 3", "--range: 3 without --measured; expected --measured beside it"),
     ("none --targets 2", "--targets: 2 without --measured"),
     ("none --model-error -20", "--model-error: -20 without --measured"),
+    ("--measured {here}/pair.npy --methods das,unet", "--methods: 'unet' without a run of that kind"),
     ("--measured {here}/pair.npy --range 3", "--range: 3 m of a snapshot; expected no --range"),
     ("--measured {here}/pair.npy --targets 0", "--targets: 0; expected 1 or more"),
     ("--measured {here}/pair.npy --targets 6", "--targets: 6 with 10 elements; expected at most 5"),

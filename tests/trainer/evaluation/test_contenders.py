@@ -11,7 +11,10 @@ from shared.signal.windows import cell_noise_power
 from trainer.evaluation.experiments.bench import Bench
 from trainer.evaluation.experiments.contenders import estimator_contender, gather
 from trainer.evaluation.experiments.generalisation import trained_on
+from trainer.evaluation.experiments.noise_only import NoiseOnly
 from trainer.evaluation.options import EvaluationConfig
+from trainer.metrics.peaks import noise_level
+from trainer.metrics.residual import of_one_cell
 from trainer.run.folder import Fingerprint, SceneRecord, Start, read_run, write_run
 
 TWO_TX = RADAR.model_copy(
@@ -110,6 +113,17 @@ def test_contenders_stand_in_the_order_of_methods_and_arrays_whatever_that_of_th
     runs = [make_run(tmp_path / name, array, TWO_TX, **changes) for name, (array, changes) in arrays.items()]
     names = [contender.name for contender in gather(["cnn", "das", "unet"], runs, [FULL, THIN], TWO_TX, tmp_path)]
     assert names == ["das full", "das thin", "cnn full", "unet full", "unet thin"]
+
+
+def test_delay_and_sum_of_noise_exceeds_the_level_as_rarely_as_stated():
+    """In rows of the strongest of all Doppler cells, as datasets hold them, and not of any one."""
+    bench, noise_only = Bench("f" * 64, RADAR, (), frozenset(), (), EvaluationConfig()), NoiseOnly()
+    das = estimator_contender("das", FULL, RADAR)
+    power = cell_noise_power(RADAR)
+    images = np.stack([das.answer.image(noise_only.scene(bench, place), power) for place in range(40)])
+    for probability, within in ((1e-2, (0.2, 1.0)), (1e-1, (0.2, 1.0))):
+        level = noise_level(das.answer.line, power, of_one_cell(probability, RADAR.waveform.chirps))
+        assert within[0] * probability < np.mean(images > level) < within[1] * probability
 
 
 def test_two_networks_of_one_kind_are_told_apart(inputs, tmp_path):

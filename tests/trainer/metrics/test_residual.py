@@ -116,6 +116,24 @@ def test_an_empty_image_explains_nothing() -> None:
     assert silent == Explanation(0, 0, 0, 0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize("array", ["full", "sparse6"])
+def test_rows_of_the_strongest_doppler_cell_of_noise_are_explained_by_nothing(array: str) -> None:
+    """By the magnitudes of all channels, as datasets choose it; of one cell alone the tests would say otherwise."""
+    line, whole, chirps, generator = ARRAYS[array], ARRAYS["full"], 64, np.random.default_rng(8)
+    cells = noise(whole, 600 * chirps, 1.0, generator).reshape(600, chirps, whole.channels)
+    strongest = np.abs(cells).mean(axis=2).argmax(axis=1)
+    places = np.abs(whole.positions_m[:, None] - line.positions_m).argmin(axis=0)
+    rows = cells[np.arange(600), strongest][:, places]
+    image = ESTIMATORS["das"]().image(rows, line, U, 1.0)
+    highest = lines_image([[int(top)] for top in image.argmax(axis=1)])
+    told, untold = (explain(highest, U, rows, line, 1.0, of) for of in (chirps, 1))
+    assert told.lines - told.unsupported <= 6
+    assert untold.lines - untold.unsupported > 30
+    empty = np.zeros((600, BINS))
+    assert explain(empty, U, rows, line, 1.0, chirps).explained_rows >= 588
+    assert explain(empty, U, rows, line, 1.0).explained_rows < 540
+
+
 def test_invented_and_missing_targets_are_told_apart() -> None:
     line = ARRAYS["sparse6"]
     rows, places = known_rows(line)

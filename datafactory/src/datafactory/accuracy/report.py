@@ -19,6 +19,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from datafactory.accuracy.knobs import Effort
 from datafactory.accuracy.looking import STAGES
+from datafactory.accuracy.prices import LEVELS_DB
 from datafactory.accuracy.study import DEFAULTS, FRONT, Row
 from shared.dataset.writing import atomic
 from shared.pictures import save_figure
@@ -42,7 +43,7 @@ def explanation(effort: Effort) -> tuple[str, ...]:
         "subtracted, depth against the deepest with the same rays.",
         "front: the cheapest settings, by work, whose three errors stay below a level, all at once. Their error of the "
         "power, and that of the defaults, is that of their rays and depth in the rows above; times are with their own "
-        "rays.",
+        f"rays. It begins at {LEVELS_DB[0]:g} dB, and has no point where no setting on the menu has that.",
     )
 
 

@@ -142,7 +142,7 @@ class _Study:
         """Compile what is compiled for the first frame, for a tolerance and for a number of terms: nothing is timed."""
         frame = self.sample.traced(self.usual)
         for knob, value in self.menu.settings("tolerance", "truth_terms"):
-            knobs = replace(self.usual, prune_db=0.0).at(knob, value)
+            knobs = self.usual.converged().at(knob, value)  # a pruned frame would not reach every kernel
             made([frame], self.sample.settings(knobs), self.radar)
 
     def _signal_row(self, knob: str, value: float) -> Row:

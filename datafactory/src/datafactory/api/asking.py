@@ -239,7 +239,7 @@ def order_of(asked: OrderOptions, synthesis: bool = True) -> Order:
     if scenes and traced:
         raise InputError("--scene", "given together with --paths", "either --scene or --paths")
     for item in declared(OrderOptions):
-        if traced and item.name in SETTLED and getattr(asked, item.name):
+        if traced and item.name in SETTLED and getattr(asked, item.name) != item.default:
             expected = f"--paths alone, or datafactory trace with {item.flag}"
             raise InputError(item.flag, "beside --paths: the trace has settled it", expected)
     if asked.split is not None:

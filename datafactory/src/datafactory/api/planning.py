@@ -51,7 +51,9 @@ class ScenePlan(Told):
             f"off: {', '.join(off) or 'none'}",
         ]
         if self.seconds:
-            told.append(f"the effects cost {sum(self.seconds.values()):.2f} processor seconds a frame")
+            dear = sorted(((taken, name) for name, taken in self.seconds.items() if taken >= 0.005), reverse=True)
+            each = ", ".join(f"{name} {taken:.2f}" for taken, name in dear)
+            told.append(f"processor seconds by which a frame is faster without it: {each or 'under 0.01 each'}")
         return "\n".join(told)
 
     def to_json(self) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from trainer.data.arrays import choose_array
 from trainer.defaults import DEFAULT_ARRAYS, NETWORKS
 from trainer.estimators.base import ESTIMATORS
 from trainer.evaluation.experiments.bench import Bench, Experiment, Results
-from trainer.evaluation.experiments.contenders import check_methods, gather
+from trainer.evaluation.experiments.contenders import check_methods, check_networks, gather, kind_of
 from trainer.evaluation.experiments.cylinders import PointSpread, Reflectors
 from trainer.evaluation.experiments.detection import Detection
 from trainer.evaluation.experiments.doppler import Doppler
@@ -45,7 +45,7 @@ from trainer.evaluation.report.tables import MetricRow, Numbers, metrics_table, 
 from trainer.evaluation.store import CellStore, Values, cell_name
 from trainer.evaluation.workers import Workers
 from trainer.run.answers import Answer, NetworkAnswer
-from trainer.run.folder import JOB, Fingerprint, output_folder, scene_records
+from trainer.run.folder import JOB, Fingerprint, output_folder, read_run, scene_records
 from trainer.run.imager import precision_remark
 
 RUNTIME, STREET = Runtime(), Street()
@@ -146,8 +146,10 @@ def _prepared(
     if dataset is not None:
         bench, left_out = open_bench(dataset, config)
         arrays = [contender.array for contender in bench.contenders]
-        measured = None if row is None else Measured(with_arrays(row, bench.radar, arrays))
+        networks, left = ([], []) if row is None else fitting_networks(row, config.runs)
+        measured = None if row is None else Measured(with_arrays(row, bench.radar, arrays), config.methods, networks)
         chosen, remarks = choose_experiments(config.experiments, bench, measured)
+        remarks += left
         remarks += _of_precision(contender.answer for contender in bench.contenders)
         for kind, count in left_out.items():
             remarks.append(f"{count} {kind} frames of the test split are left out: --frames {config.frames}")
@@ -158,7 +160,8 @@ def _prepared(
         raise InputError("--experiments", ", ".join(config.experiments), f"{Measured.name} alone without a dataset")
     # The default names are of the default radar: of another cube nobody has asked for them.
     asked = ("full",) if row.radar is not None and config.arrays == DEFAULT_ARRAYS else config.arrays
-    methods = [name for name in config.methods or () if name not in NETWORKS]
+    if config.methods is not None:
+        check_networks(config.methods, [kind_of(read_run(path)) for path in config.runs])
     arrays, remarks, radar = [], list[str](), row.radar or Radar()
     for name in asked:
         try:
@@ -167,7 +170,7 @@ def _prepared(
             remarks.append(f"left out: {error}")
     networks, others = fitting_networks(row, config.runs)
     remarks += [*others, *_of_precision(answer for _, answer in networks)]
-    alone = Measured(with_arrays(row, radar, arrays), methods, networks)
+    alone = Measured(with_arrays(row, radar, arrays), config.methods, networks)
     return Bench("", radar, (), frozenset(), (), config), [alone], f"Evaluation of {row.path.name}", remarks
 
 

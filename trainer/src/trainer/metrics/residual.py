@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincinv
+from scipy.special import gammainccinv
 
 from trainer.estimators.array import LineArray, check_snapshots
 from trainer.estimators.lines import RIDGE, line_amplitudes, refine_lines
@@ -54,19 +54,23 @@ def explain(
     snapshots: NDArray[np.complexfloating],
     array: LineArray,
     noise_power: float,
+    chirps: int = 1,
 ) -> Explanation:
     """How well the peaks of an image [R, U] explain the snapshots [R, C] that it was made from.
 
     A peak stands for an angle within half a bin of it, the one that fits best. What K lines leave of a row is
     sigma^2 / 2 chi^2 with 2 (C - K) degrees of freedom if they are all there is. A line is unsupported if leaving it
     out raises that by less than -sigma^2 ln(1e-4); they are taken out one by one, the weakest first, so that of two
-    peaks of one target one stays.
+    peaks of one target one stays. Noise that is the strongest of M Doppler cells exceeds what one exceeds with the
+    probability 1 - (1 - p)^(1 / M) with the probability p at most: both tests take that in place of p.
 
+    :param chirps: M, of whose Doppler cells a row is the strongest
     :raises InputError: snapshots that are not those of the array, or not finite
     """
     check_snapshots(snapshots, array)
     most = array.channels // 2
-    limits = gammaincinv(array.channels - np.arange(most + 1), 1.0 - FIT_PROBABILITY)
+    fails, supports = (of_one_cell(p, chirps) for p in (FIT_PROBABILITY, SUPPORT_PROBABILITY))
+    limits = gammainccinv(array.channels - np.arange(most + 1), fails)
     rows = np.asarray(snapshots, dtype=np.complex128)
     energies = np.sum(np.abs(rows) ** 2, axis=1)
     present = np.flatnonzero(energies > 0.0)
@@ -79,12 +83,17 @@ def explain(
         angles = _within_their_bins(x, bins, array, u)
         remains = np.sum(np.abs(line_amplitudes(x, angles, array)[1]) ** 2, axis=1)
         explained += int(np.sum(remains <= power * limits[count]))
-        needed = supported_lines(x, angles, array, -power * float(np.log(SUPPORT_PROBABILITY)))
+        needed = supported_lines(x, angles, array, -power * float(np.log(supports)))
         unsupported += int(np.sum(count - needed))
         left += float(remains.sum())
     tested = sum(len(found) for found in lines)
     energy = float(energies[present].sum())
     return Explanation(len(present), explained, tested, unsupported, energy, left)
+
+
+def of_one_cell(probability: float, chirps: int) -> float:
+    """What happens in any of ``chirps`` independent Doppler cells with this probability does in one with that."""
+    return float(-np.expm1(np.log1p(-probability) / chirps))
 
 
 def image_lines(image: NDArray[np.floating]) -> list[NDArray[np.intp]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -94,6 +94,18 @@ def check_methods(names: Sequence[str], known: Sequence[str] = (*ESTIMATORS, *NE
         raise InputError("--methods", f"{twice[0]!r} twice", "every method once")
 
 
+def check_networks(methods: Sequence[str], kinds: Iterable[str]) -> None:
+    """Refuse networks that no run stands for.
+
+    :param methods: that are wanted
+    :param kinds: of the runs
+    :raises InputError: the first of them
+    """
+    if missing := [name for name in NETWORKS if name in methods and name not in kinds]:
+        expected = f"--run RUN of a {_MODELS[missing[0]]}"
+        raise InputError("--methods", f"{missing[0]!r} without a run of that kind", expected)
+
+
 def gather(
     methods: Sequence[str] | None,
     runs: Sequence[Path],
@@ -115,9 +127,7 @@ def gather(
     kinds = [kind for kind, _ in places]
     chosen = tuple(methods) if methods is not None else (*DEFAULT_METHODS, *sorted(set(kinds)))
     check_methods(chosen)
-    for name in NETWORKS:
-        if name in chosen and name not in kinds:
-            raise InputError("--methods", f"{name!r} without a run of that kind", f"--run RUN of a {_MODELS[name]}")
+    check_networks(chosen, kinds)
     networks = []
     for (path, run, imager), (kind, rx) in zip(loaded, places, strict=True):
         if kind not in chosen:

@@ -139,7 +139,8 @@ def score_frame(contender: Contender, frame: Frame) -> Values:
     paper = [[astuple(counts) for counts in paper_sweep(detected, true, PROMINENCES, d_max)] for d_max in D_MAX_BINS]
     prominent = detected.above(STRICT_PROMINENCE)
     strict = [astuple(strict_counts(prominent, true, d_max))[:3] for d_max in D_MAX_BINS]
-    explanation = explain(image, answer.radar.grid.u, range_channel[:, answer.channels], answer.line, noise)
+    rows, chirps = range_channel[:, answer.channels], answer.radar.waveform.chirps
+    explanation = explain(image, answer.radar.grid.u, rows, answer.line, noise, chirps)
     residual = [getattr(explanation, name) for name in RESIDUAL]
     values = {"paper": paper, "strict": strict, "residual": residual}
     quality = {"nmse": math.nan, "scaled_nmse": math.nan, "ssim": math.nan}

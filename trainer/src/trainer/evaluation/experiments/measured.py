@@ -145,7 +145,7 @@ WITHIN = f"within {FOUND_WITHIN_DEG:g} deg"
 class Measured(Experiment):
     """The row by every method on every one of its element sets, and by the networks that fit it; of a cube a picture.
 
-    :param methods: some of :data:`METHODS`; all where empty
+    :param methods: of :data:`METHODS` those that are not among them are left out; None for all
     :param networks: with the name that tables have for them, see :func:`fitting_networks`
     """
 
@@ -161,9 +161,13 @@ class Measured(Experiment):
     )
 
     def __init__(
-        self, measured: MeasuredInput, methods: Sequence[str] = (), networks: Sequence[tuple[str, NetworkAnswer]] = ()
+        self,
+        measured: MeasuredInput,
+        methods: Sequence[str] | None = None,
+        networks: Sequence[tuple[str, NetworkAnswer]] = (),
     ) -> None:
-        self.measured, self._methods, self._networks = measured, methods, networks
+        self.measured, self._networks = measured, networks
+        self._methods = METHODS if methods is None else tuple(name for name in methods if name in METHODS)
         self._spectra: Found = {}
         self._pictures: Found = {}
         self._reference = np.empty(0)
@@ -210,17 +214,16 @@ class Measured(Experiment):
             x, line = measured.snapshot[None, elements], measured.line(elements)
             # Where the number of targets is known the noise is what as many lines leave, if that is more.
             noise = np.maximum(row_noise(x, frame.noise_power, frame.model_error_db), left)
-            for method in methods or METHODS:
+            for method in methods:
                 if _applies(method, measured, elements):
                     image = _imaging(method, measured.targets)(x, line, measured.u, noise)
                     self._spectra[method, name] = _judged(measured, elements, measured.u, image[0])
         if measured.radar is not None:
             unused = tuple(np.flatnonzero(measured.element < 0).tolist())
-            for method in methods or PICTURED:
-                if method in PICTURED:
-                    images, _ = estimator_answer(method, measured.radar, unused).peaks(frame)
-                    key = method, next(iter(measured.elements))
-                    self._pictures[key] = {"image": images[0], "u": measured.radar.grid.u}
+            for method in filter(PICTURED.__contains__, methods):
+                images, _ = estimator_answer(method, measured.radar, unused).peaks(frame)
+                key = method, next(iter(measured.elements))
+                self._pictures[key] = {"image": images[0], "u": measured.radar.grid.u}
         for name, answer in self._networks:
             key, u = (name, answer.array.name), answer.radar.grid.u
             images, _ = answer.images(frame.cells.range_channel, Circumstances(frame.noise_power, frame.model_error_db))

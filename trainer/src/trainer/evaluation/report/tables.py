@@ -98,7 +98,8 @@ class Numbers:
         """The mean of samples with its bootstrap interval.
 
         Samples that are not finite (a metric that is not defined) do not count; the row says how many did. Of samples
-        that are true or false it is a share, with its Wilson interval, which keeps a width where all end alike.
+        that are true or false it is a share, with its Wilson interval, which keeps a width where all end alike. Other
+        samples that are all alike have no spread that could be resampled, and no interval.
 
         :param root: the root of the mean instead
         """
@@ -108,6 +109,8 @@ class Numbers:
             found = UNDEFINED
         elif values.dtype == np.bool_:
             found = wilson(int(values.sum()), len(values))
+        elif np.ptp(values) == 0.0:
+            found = Interval(float(values[0]), math.nan, math.nan)
         else:
             found = bootstrap_mean(values, self.seed)
         if root:
