@@ -42,7 +42,7 @@ def test_a_measured_pair_is_found_where_it_stands(evaluation):
     assert rows["ml", "reference", "angle 1 [deg]"] == pytest.approx(-4.0, abs=0.1)
     assert rows["ml", "reference", "angle 2 [deg]"] == pytest.approx(5.0, abs=0.1)
     assert rows["omp", "all 40", "both within 1 deg"] == 1.0
-    assert {method for method, _, _ in rows} == {"ml", "das", "omp"}  # those asked for; no run fits
+    assert {method for method, _, _ in rows} == {"ml", "das", "omp", "unet"}  # those asked for, and the ceiling
     assert ("das", "thin of 8", "angle 1 [deg]") in rows
 
 
