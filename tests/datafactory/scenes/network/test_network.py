@@ -3,6 +3,7 @@
 import math
 import re
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from scene_solids import triangles_of
 
 from datafactory.scenes.city.rules import Style
 from datafactory.scenes.city.site import Placement
+from datafactory.scenes.drives import LATERAL_MPS2
 from datafactory.scenes.ground import CELL_M, free_ground, height_map
 from datafactory.scenes.network import conversion, speed_limits
 from datafactory.scenes.network.conversion import Network, read_network
@@ -21,6 +23,7 @@ from datafactory.scenes.poses import sample_pose
 from datafactory.scenes.readers.open import open_scene
 from shared.physics.errors import InputError
 
+BEND_MPS = math.sqrt(LATERAL_MPS2 * RADIUS_M)
 SPEED = 'max="30" unit="km/h"'
 
 pytest.importorskip("sumo", reason="SUMO is not installed: pip install 'sparseradar-datafactory[opendrive]'")
@@ -86,7 +89,24 @@ def test_lanes_lie_beside_the_analytic_reference_line(own: Network) -> None:
 def test_a_road_has_the_speed_limit_that_it_states(tmp_path: Path, speed: str, mps: float) -> None:
     path = tmp_path / "own.xodr"
     path.write_text(opendrive().replace(SPEED, speed).replace("<OpenDRIVE>", '<OpenDRIVE xmlns="x">'), encoding="utf-8")
-    assert list(read_network(path, "opendrive", tmp_path).speeds.values()) == [pytest.approx(mps, abs=1e-4)] * 6
+    expected = [mps] * 6 if mps < BEND_MPS else [*[BEND_MPS] * 2, *[mps] * 6]  # the arc is a piece of its own
+    assert sorted(read_network(path, "opendrive", tmp_path).speeds.values()) == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("shape", "curvature"),
+    [
+        ("<line/>", 0.0),
+        ('<arc curvature="-0.1"/>', 0.1),
+        ('<spiral curvStart="0.02" curvEnd="-0.1"/>', 0.1),
+        ('<poly3 a="0" b="0" c="0.05" d="0"/>', 0.1),
+        ('<paramPoly3 pRange="arcLength" aU="0" bU="1" cU="0" dU="0" aV="0" bV="0" cV="0.05" dV="0"/>', 0.1),
+        ('<paramPoly3 pRange="normalized" aU="0" bU="8" cU="0" dU="0" aV="0" bV="0" cV="3.2" dV="0"/>', 0.1),
+    ],
+)
+def test_the_least_radius_of_a_piece_is_known(shape: str, curvature: float) -> None:
+    geometry = ElementTree.fromstring(f'<geometry s="0" length="8">{shape}</geometry>')
+    assert speed_limits._curvature(geometry) == pytest.approx(curvature)
 
 
 def test_speed_limits_change_along_a_road_and_a_lane_has_its_own(tmp_path: Path) -> None:
@@ -100,8 +120,9 @@ def test_speed_limits_change_along_a_road_and_a_lane_has_its_own(tmp_path: Path)
     path.write_text(text, encoding="utf-8")
     speeds = read_network(path, "opendrive", tmp_path).speeds
     assert speeds["1#0"] == speeds["-1#0"] == pytest.approx(30.0 / 3.6, abs=1e-4)
-    assert speeds["1#1"] == speeds["-1#1"] == 14.0
-    assert len(speeds) == 12
+    assert speeds["1#1"] == 14.0
+    assert speeds["1#2"] == pytest.approx(BEND_MPS, abs=1e-4)
+    assert sorted(speeds.values()) == pytest.approx([30.0 / 3.6] * 6 + [BEND_MPS] * 2 + [14.0] * 6, abs=1e-4)
     path.write_text(text.replace("</lane>", '<speed sOffset="20" max="6"/></lane>'), encoding="utf-8")
     assert {round(speed, 2) for speed in read_network(path, "opendrive", tmp_path).speeds.values()} == {8.33, 6.0}
 
