@@ -169,7 +169,7 @@ VALUES: dict[str, tuple[Callable[[], Told], list[str]]] = {
     "Scene": (lambda: load_scene(STREET),
               ["scene street", "310 objects", "13 point targets", "40 of them move", "warned: 13"]),
     "Plan": (lambda: ScenePlan(EffectPlan("street", -30.0, DECISIONS, {}), 8, {"specular": 0.25}, None),
-             ["on: specular", "off: refraction", "8 frames", "-30 dB", "0.25 processor seconds"]),
+             ["on: specular", "off: refraction", "8 frames", "-30 dB", "processor seconds a frame: specular 0.25"]),
     "Run": (lambda: load_imager(pretrained_run("sparse6"))[0],
             ["unrolled", "sparse6", "RX 0, 1, 6, 10, 13, 15", "681 train"]),
     "Frame": (lambda: make_frame(2),

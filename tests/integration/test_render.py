@@ -132,7 +132,7 @@ def test_rendering_from_traced_paths_gives_the_same_frames(dataset, radar_file, 
             f"traced paths and no frames; next: datafactory render --paths {tmp_path / 'trace'} --out OTHER\n"
         )
     assert "as they were written" in said
-    run("render", "--paths", tmp_path / "trace", *here, "--frames", 0, "--points", 3, "--out", again)
+    run("render", "--paths", tmp_path / "trace", *here, "--points", 3, "--out", again)
     assert shards(again) == shards(dataset)
     with pytest.raises(InputError, match="no traced paths"):
         run("render", "--paths", dataset, "--radar", radar_file, "--out", tmp_path / "other")

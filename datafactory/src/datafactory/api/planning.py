@@ -21,6 +21,8 @@ from datafactory.run.preparation import prepare
 from shared.physics.errors import Told
 from shared.processes.declared import common, taking
 
+DEAREST = 5
+"""Effects whose price is told. What they take together is not their sum: they share work."""
 MOST_FRAMES = 8
 """Frames of a scene whose decisions are told, spread over the run; each costs about as much as one that is rendered."""
 
@@ -52,8 +54,8 @@ class ScenePlan(Told):
         ]
         if self.seconds:
             dear = sorted(((taken, name) for name, taken in self.seconds.items() if taken >= 0.005), reverse=True)
-            each = ", ".join(f"{name} {taken:.2f}" for taken, name in dear)
-            told.append(f"processor seconds by which a frame is faster without it: {each or 'under 0.01 each'}")
+            each = ", ".join(f"{name} {taken:.2f}" for taken, name in dear[:DEAREST])
+            told.append(f"dearest, in processor seconds a frame: {each or 'none'}")
         return "\n".join(told)
 
     def to_json(self) -> dict[str, Any]:
