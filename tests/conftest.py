@@ -75,7 +75,7 @@ LONG = (
     "trainer/estimators/test_ml.py::test_three_and_four_targets_end_no_worse_than_a_refinement_from_the_truth[sparse6-3",
     "trainer/estimators/test_velocities.py::test_the_stated_deviation_is_that_of_the_errors[all",
     "trainer/run/test_imager.py::test_fit_predict_and_evaluate_say_so_once[capabilities1",
-    "trainer/run/test_imager.py::test_the_package_s_networks_round_as_torch_does[sparse6",
+    "trainer/run/test_imager.py::test_the_package_s_networks_round_as_torch_does",
 )
 """How the names begin of tests that are all marked slow: what they hold takes long, and seldom breaks."""
 
