@@ -97,7 +97,7 @@ def test_a_road_has_the_speed_limit_that_it_states(tmp_path: Path, speed: str, m
     ("shape", "curvature"),
     [
         ("<line/>", 0.0),
-        ('<arc curvature="-0.1"/>', 0.1),
+        ('<arc curvature="-0.1"/><userData code="x" value="y"/>', 0.1),
         ('<spiral curvStart="0.02" curvEnd="-0.1"/>', 0.1),
         ('<poly3 a="0" b="0" c="0.05" d="0"/>', 0.1),
         ('<paramPoly3 pRange="arcLength" aU="0" bU="1" cU="0" dU="0" aV="0" bV="0" cV="0.05" dV="0"/>', 0.1),

@@ -119,7 +119,9 @@ class RunKeeper(Callback):
 
     def _rows_before(self, step: int) -> list[dict[str, str]]:
         """A run that was killed between a row and its checkpoint has later ones, which come again."""
-        with (self.directory / METRICS).open(newline="", encoding="utf-8") as file:
+        if not (path := self.directory / METRICS).is_file():
+            return []
+        with path.open(newline="", encoding="utf-8") as file:
             return [row for row in csv.DictReader(file) if int(row["step"]) < step]
 
 

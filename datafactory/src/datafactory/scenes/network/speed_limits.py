@@ -37,7 +37,7 @@ def _limit_mps(limits: ElementTree.Element | None) -> float:
 
 def _curvature(geometry: ElementTree.Element) -> float:
     """The largest of a piece of a reference line [1/m]; 0 of a straight one, and of a kind that is not known."""
-    (shape,) = geometry
+    shape = geometry[0]  # behind it there may be data of the file's maker
     stated = {name: float(value) for name, value in shape.attrib.items() if name != "pRange"}
     if shape.tag in ("poly3", "paramPoly3"):
         last = 1.0 if shape.get("pRange") == "normalized" else float(geometry.get("length", 0.0))
