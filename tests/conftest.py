@@ -45,6 +45,7 @@ settings.load_profile("repeatable")
 
 LONG = (
     "benchmarks/test_bench.py",
+    "datafactory/accuracy/test_choice.py::test_the_front_buys_accuracy_with_work",
     "datafactory/accuracy/test_looking.py::test_a_budget_on_two_scenes",
     "datafactory/paths/test_curved_mirrors.py::test_a_rounded_box_has_flat_faces_cylindrical_edges_and_spherical_corners[40",
     "datafactory/paths/test_trace_on_device.py",
@@ -70,7 +71,7 @@ LONG = (
     "integration/test_shipped_ground.py::test_a_populated_scene_has_the_same_bits_on_processors_with_and_without_avx_512[sce",
     "shared/dataset/test_locations.py::test_a_store_that_is_not_there_is_one_line[s3://b/set?endpoint_override=127",
     "shared/physics/test_compiled.py::test_a_read_only",
-    "shared/signal/test_imaging.py::test_a_frame_has_the_same_bytes_in_every_batch_by_the_kernels_of_other_processors[S",
+    "shared/signal/test_imaging.py::test_a_frame_has_the_same_bytes_in_every_batch_by_the_kernels_of_other_processors",
     "trainer/estimators/test_ml.py::test_three_and_four_targets_end_no_worse_than_a_refinement_from_the_truth[sparse4",
     "trainer/estimators/test_ml.py::test_three_and_four_targets_end_no_worse_than_a_refinement_from_the_truth[sparse6-3",
     "trainer/estimators/test_velocities.py::test_the_stated_deviation_is_that_of_the_errors[all",
