@@ -191,7 +191,9 @@ def test_rows_do_not_know_each_other() -> None:
 
 
 @pytest.mark.parametrize(
-    ("seed", "times", "most"), [(5, 1, 0), pytest.param(7, 16, 3, marks=pytest.mark.slow)], ids=["80 rows", "1280 rows"]
+    ("seed", "times", "most"),
+    [(5, 1, 0), *(pytest.param(*given, marks=pytest.mark.slow) for given in ((5, 2, 0), (7, 16, 3)))],
+    ids=["80 rows", "160 rows", "1280 rows"],
 )
 def test_compiled_lines_are_those_of_the_plain_fit(seed: int, times: int, most: int) -> None:
     """One to eight lines, at most a third of 6 to 48 channels, at -5 to 50 dB, every second pair of neighbours 0.4 to

@@ -83,7 +83,7 @@ def values(out):
 
 def test_a_snapshot_needs_no_dataset(inputs, tmp_path):
     out = tmp_path / "out"
-    given = ["--measured", inputs[3], "--targets", "2", "--methods", "das,likes,ml,line-fit", "--workers", "1"]
+    given = ["--measured", inputs[3], "--targets", "2", "--methods", "das,iaa,likes,ml,line-fit", "--workers", "1"]
     code, _, said = ended("trainer", "evaluate", *given, "--out", out)
     assert (code, said) == (0, "")
     found = values(out)
@@ -93,6 +93,7 @@ def test_a_snapshot_needs_no_dataset(inputs, tmp_path):
         # Noise of 0.0018 beside 1.64 in 40 elements, of which two lines take 3 / 40; within three deviations.
         assert found[method, "all 40", "power left [dB]"] == pytest.approx(-29.9, abs=2.1)
         assert found[method, "all 40", "both within 1 deg"] == 1.0
+    assert found["iaa", "all 40", "both within 1 deg"] == 1.0
     assert ("likes", "first 10", "angle 1 [deg]") in found
     assert ("das", "sparse4 of 48", "angle 1 [deg]") not in found  # the snapshot ends before
     lines = (out / "lines.md").read_text()

@@ -220,7 +220,7 @@ class Measured(Experiment):
                     self._spectra[method, name] = _judged(measured, elements, measured.u, image[0])
         if measured.radar is not None:
             unused = tuple(np.flatnonzero(measured.element < 0).tolist())
-            for method in filter(PICTURED.__contains__, methods):
+            for method in (name for name in PICTURED if name in methods):
                 images, _ = estimator_answer(method, measured.radar, unused).peaks(frame)
                 key = method, next(iter(measured.elements))
                 self._pictures[key] = {"image": images[0], "u": measured.radar.grid.u}
